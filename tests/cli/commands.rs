@@ -75,15 +75,6 @@ fn a_render_writes_all_outputs_well_formed() {
     for stage in ["load", "build", "pilot", "plan", "refine", "expose", "write"] {
         assert!(stats["seconds"][stage].as_f64().is_some_and(|s| s >= 0.0), "{stage}: {}", stats["seconds"]);
     }
-    // The documented keys, all of them and no others.
-    let keys: BTreeSet<&str> = stats.as_object().expect("an object").keys().map(String::as_str).collect();
-    let documented = "version program size camera seed frame training_paths threads allocation stop without samples mean_spp spp_range pixels_without_samples black_pixels \
-                      samples_per_second invalid_samples invalid_named heaviest_samples dominated_pixels cover_connections mean_radiance mean_radiance_standard_error \
-                      seconds total_seconds earlier_seconds earlier_samples parts budget_seconds budget_missed sensor forecast certificate denoise memory";
-    assert_eq!(keys, documented.split_whitespace().collect());
-    let keys: BTreeSet<&str> = stats["sensor"].as_object().expect("an object").keys().map(String::as_str).collect();
-    let documented = "name exposure_seconds mean_electrons mean_value saturated no_light exposure_noise matched";
-    assert_eq!(keys, documented.split_whitespace().collect());
 }
 
 /// A plan contains the number of training paths, so that a replay has the same samples.
@@ -100,44 +91,6 @@ fn training_changes_the_samples_and_a_replay_repeats_it() {
     let stats = bench.json("one.json");
     assert_eq!(stats["training_paths"], 1024);
     assert!(stats["seconds"]["training"].as_f64().is_some_and(|s| s >= 0.0), "{}", stats["seconds"]);
-}
-
-/// Flag and job have the same effect, the outputs contain the pixels in which it holds, and a plain exposure differs in its grey values alone.
-#[test]
-fn matched_exposure_states_where_it_holds_and_leaves_the_other_layers_alone() {
-    let bench = Bench::new();
-    bench.write(
-        "matched.toml",
-        "scene = \"scene.gltf\"\n[sensor]\nexposure_noise = \"matched\"\n[allocate]\nstrategy = \"sensor\"\n",
-    );
-    let run = |what: &str, name: &str| {
-        let files = format!("-o {name}.png --linear {name}.tif --exr {name}.exr --stats {name}.json");
-        stdout(&bench.run(&format!("render {what} --width 24 --height 16 --spp 16 {files}")).code(0))
-    };
-    let line = "exposure noise: matched; frames have the noise of the camera in";
-    assert!(run("scene.gltf --exposure-noise matched", "flag").contains(line));
-    assert!(run("matched.toml", "job").contains(line));
-    assert!(!run("matched.toml --exposure-noise plain", "plain").contains(line));
-    // Without the job's sensor there is nothing left to match, and nothing that its allocation could use.
-    bench.run("render matched.toml --width 8 --height 8 --spp 1 --sensor none -o none.png").code(0);
-
-    assert_eq!(bench.read("flag.tif"), bench.read("job.tif"));
-    assert_ne!(bench.read("flag.tif"), bench.read("plain.tif"));
-    let (matched, plain) = (bench.json("flag.json"), bench.json("plain.json"));
-    assert_eq!(matched["certificate"], plain["certificate"]);
-    assert_eq!(
-        (&matched["sensor"]["exposure_noise"], &plain["sensor"]["exposure_noise"]),
-        (&"matched".into(), &"plain".into())
-    );
-    assert!(plain["sensor"]["matched"].is_null());
-    let held = bench.floats("flag.exr", "matched.Y");
-    let share = held.iter().map(|&v| f64::from(v)).sum::<f64>() / 384.0;
-    assert!(held.iter().all(|&v| v == 0.0 || v == 1.0));
-    assert!((matched["sensor"]["matched"].as_f64().expect("a share") - share).abs() < 1e-12 && share > 0.0, "{share}");
-
-    let [with, without] = ["flag.exr", "plain.exr"].map(|file| read_exr(&bench.path(file)).expect("an EXR"));
-    let others: Vec<_> = with.channels.iter().filter(|(name, _)| name != "matched.Y").collect();
-    assert_eq!(others, without.channels.iter().collect::<Vec<_>>());
 }
 
 /// Every output names the effects that are left out. For a technique it states that the image is the same.
@@ -160,34 +113,6 @@ fn left_out_effects_mark_the_outputs() {
         let marked = format!("rendered without {name}");
         assert!(bench.read("a.png").windows(marked.len()).any(|w| w == marked.as_bytes()), "the PNG does not say so");
     }
-    // Named twice is left out once.
-    let line = "render two.toml --width 8 --height 6 --spp 2 -o a.png --stats a.json --without every-light,every-light";
-    let run = bench.run(&format!("{line} --without every-light")).code(0);
-    assert!(stdout(&run).contains("without every-light: another way"), "{}", stdout(&run));
-    assert_eq!(bench.json("a.json")["without"], serde_json::json!(["every-light"]));
-}
-
-#[test]
-fn without_a_sensor_the_image_is_in_colour_and_an_obj_is_lit_by_ke() {
-    let bench = Bench::new();
-    let line =
-        "render scene.obj --sensor none --width 32 --height 32 --spp 16 --allocate uniform --exr a.exr --stats a.json";
-    bench.run(line).code(0);
-    // Named after the input, in the current folder.
-    let png = bench.read("scene.png");
-    assert_eq!(header(&png), (32, 32, 8, 2));
-    assert_eq!(chunk(&png, b"gAMA"), Some(&45_455u32.to_be_bytes()[..]));
-    let stats = bench.json("a.json");
-    assert!(stats["sensor"].is_null() && stats["allocation"] == "uniform");
-    assert_eq!(stats["spp_range"], serde_json::json!([16, 16]));
-    // Ke 3 2 1 on a grey floor: what is not black has that colour.
-    let [r, g, b] = ["R", "G", "B"].map(|c| bench.floats("a.exr", c));
-    let lit: Vec<usize> = (0..r.len()).filter(|&i| b[i] > 0.01).collect();
-    assert!(lit.len() > 100, "{} pixels are lit", lit.len());
-    for i in lit {
-        assert!((r[i] / b[i] - 3.0).abs() < 1e-3 && (g[i] / b[i] - 2.0).abs() < 1e-3, "{} {} {}", r[i], g[i], b[i]);
-    }
-    assert!(read_exr(&bench.path("a.exr")).expect("an EXR").channel("electrons.Y").is_none());
 }
 
 #[test]
@@ -209,28 +134,6 @@ fn invalid_samples_flag_the_result_and_the_command_that_is_named_replays_one() {
     {
         let shell = Command::new("sh").current_dir(bench.folder.path()).args(["-c", command]).assert().code(1);
         assert!(stdout(&shell).contains("this sample is invalid"), "{}", stdout(&shell));
-    }
-}
-
-#[test]
-fn files_are_the_same_bytes_in_every_run_and_on_any_number_of_threads() {
-    let bench = Bench::new();
-    let line = "render scene.gltf --width 40 --height 30 --spp 24 --seed 5 --linear";
-    for (name, threads) in [("a", 1), ("b", 2), ("c", 7), ("d", 2)] {
-        bench.run(&format!("{line} {name}.tif -o {name}.png --exr {name}.exr --threads {threads}")).code(0);
-    }
-    for ending in ["png", "tif", "exr"] {
-        let first = bench.read(&format!("a.{ending}"));
-        for other in ["b", "c", "d"] {
-            assert!(bench.read(&format!("{other}.{ending}")) == first, "a.{ending} and {other}.{ending} differ");
-        }
-    }
-    // Another seed and another frame are other images.
-    for (name, flag) in [("s", "--seed 6"), ("f", "--seed 5 --frame 1")] {
-        bench
-            .run(&format!("render scene.gltf --width 40 --height 30 --spp 24 {flag} -o {name}.png --exr {name}.exr"))
-            .code(0);
-        assert!(bench.floats(&format!("{name}.exr"), "R") != bench.floats("a.exr", "R"), "{flag}");
     }
 }
 
@@ -309,13 +212,6 @@ fn a_render_can_end_when_the_sensor_hides_its_noise() {
     bench.run("render scene.gltf --width 16 --height 12 --noise 0.001 --spp 20 --stats b.json").code(0);
     let stats = bench.json("b.json");
     assert!(stats["stop"] == "samples" && stats["mean_spp"] == 20.0 && stats["certificate"]["is_hidden"] == false);
-    // A job can set the level, too.
-    bench.write("quiet.toml", "scene = \"scene.gltf\"\n[film]\nwidth = 16\nheight = 12\n[budget]\nnoise = 0.5\nshare = 80\n[allocate]\nstrategy = \"uniform\"\n");
-    bench.run("render quiet.toml --stats c.json").code(0);
-    let stats = bench.json("c.json");
-    assert!(stats["stop"] == "noise" && stats["allocation"] == "uniform" && stats["certificate"]["is_hidden"] == true);
-    let run = bench.run("render quiet.toml --spp 4 --share 90").code(2);
-    assert!(stderr(&run).contains("no level of noise"), "{}", stderr(&run));
 }
 
 #[test]
@@ -335,20 +231,6 @@ fn a_job_is_obeyed_and_flags_win_over_it() {
     let stats = bench.json("c.json");
     assert_eq!(header(&bench.read("c.png")), (5, 10, 8, 2));
     assert!(stats["mean_spp"] == 2.0 && stats["allocation"] == "uniform" && stats["sensor"].is_null());
-    // The job's lens stays when a sensor is put behind it: at half the f-number the same light takes a quarter of the time.
-    let exposed = |f_number: f64| {
-        bench.write(
-            "lens.toml",
-            &format!(
-                "scene = \"scene.gltf\"\n[lens]\nf_number = {f_number}\npsf = \"none\"\n[sensor]\nmodel = \"none\"\n"
-            ),
-        );
-        bench.run("render lens.toml --width 16 --height 16 --spp 8 --sensor imx174 --stats l.json").code(0);
-        bench.json("l.json")["sensor"]["exposure_seconds"].as_f64().expect("a time")
-    };
-    let ratio = exposed(8.0) / exposed(4.0);
-    // Irradiance goes with 1 / N^2; dark electrons take a little of the well.
-    assert!((ratio - 4.0).abs() < 0.1, "{ratio}");
 }
 
 #[test]

@@ -159,25 +159,6 @@ fn images_of_others_are_denoised_under_their_own_names() {
 }
 
 #[test]
-fn a_job_names_its_denoiser_and_flags_win() {
-    let bench = Bench::new();
-    let job = "scene = \"scene.gltf\"\n[film]\nwidth = 20\nheight = 10\n[budget]\nspp = 3\n[denoise]\n";
-    bench.write("builtin.toml", &format!("{job}method = \"builtin\"\n"));
-    bench.run("render builtin.toml -o a.png --stats a.json").code(0);
-    assert!(bench.json("a.json")["denoise"]["denoiser"].as_str().is_some_and(|d| d.starts_with("builtin")));
-    bench.run("render builtin.toml -o a.png --stats a.json --denoise off").code(0);
-    assert!(bench.json("a.json")["denoise"].is_null() && !says(&bench, "a.png", "denoised"));
-    bench.write("oidn.toml", &format!("{job}method = \"oidn\"\noidn = \"nowhere/libX.so\"\n"));
-    let error = stderr(&bench.run("render oidn.toml -o b.png").code(2));
-    assert!(error.contains("nowhere/libX.so") && error.contains("help:"), "{error}");
-    bench.run("render oidn.toml -o b.png --denoise builtin").code(0);
-    // A library selects its denoiser.
-    bench.write("library.toml", &format!("{job}oidn = \"libX.so\"\n"));
-    let error = stderr(&bench.run("render library.toml -o b.png").code(2));
-    assert!(error.contains("libX.so") && error.contains("help:"), "{error}");
-}
-
-#[test]
 fn inputs_that_cannot_be_denoised_are_refused_before_any_output() {
     let bench = Bench::new();
     bench.write("notes.exr", "no image");

@@ -299,7 +299,9 @@ fn irregular_and_too_large_files_are_refused_by_every_reader() {
         ] {
             lines.push((line.replace("FILE", &file(ending)), file(ending)));
         }
-        for (line, name) in &lines {
+        // A pipe makes a reader wait that opens it by itself.
+        let readers = if kind == "pipe" { lines.len() } else { 1 };
+        for (line, name) in &lines[..readers] {
             let says: Vec<&str> = says.iter().copied().chain([name.as_str()]).collect();
             refused_only(&bench, line, &says);
         }

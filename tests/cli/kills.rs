@@ -29,22 +29,13 @@ struct Case {
     same: &'static [&'static str],
 }
 
-const CASES: [Case; 6] = [
+const CASES: [Case; 5] = [
     Case {
         name: "render",
         line: "render <scene>.obj --width 96 --height 80 --spp 90 --threads 2 --progress none \
                --checkpoint a.film --checkpoint-every 0s -o a.png --exr a.exr --stats a.json",
         before: &[],
         writes: &["a.film", "a.png", "a.exr", "a.json"],
-        is_written_once: false,
-        same: &[".png", ".exr"],
-    },
-    Case {
-        name: "part",
-        line: "render <scene>.obj --width 64 --height 64 --samples 100..300 --threads 2 --progress none \
-               --checkpoint a.film --checkpoint-every 0s -o a.png --exr a.exr",
-        before: &[],
-        writes: &["a.film", "a.png", "a.exr"],
         is_written_once: false,
         same: &[".png", ".exr"],
     },
@@ -230,28 +221,23 @@ fn killed_renders_leave_whole_files_and_end_as_if_left_alone() {
 }
 
 #[test]
-fn killed_parts_leave_whole_files_and_end_as_if_left_alone() {
+fn killed_merges_leave_whole_files_or_none() {
     kill_again_and_again(&CASES[1]);
 }
 
 #[test]
-fn killed_merges_leave_whole_files_or_none() {
+fn a_killed_bench_leaves_whole_files_and_continues() {
     kill_again_and_again(&CASES[2]);
 }
 
 #[test]
-fn a_killed_bench_leaves_whole_files_and_continues() {
+fn a_killed_photon_transfer_leaves_whole_files_and_continues() {
     kill_again_and_again(&CASES[3]);
 }
 
 #[test]
-fn a_killed_photon_transfer_leaves_whole_files_and_continues() {
-    kill_again_and_again(&CASES[4]);
-}
-
-#[test]
 fn a_killed_data_set_is_there_whole_or_not_at_all() {
-    kill_again_and_again(&CASES[5]);
+    kill_again_and_again(&CASES[4]);
 }
 
 /// One of two renders on one checkpoint is refused; when both are killed, the file is whole, and the render goes on.

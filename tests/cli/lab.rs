@@ -60,21 +60,6 @@ pub(crate) fn square(half: f32, height: f32, down: bool) -> String {
     (0..4).map(|i| format!("v {} {height} {}\n", corner(i)[0], corner(i)[1])).collect()
 }
 
-/// An even floor from above, in the even light of a lamp beside it, with a sharp image (`sharp.toml`) and behind a lens
-/// (`lens.toml`).
-pub(crate) fn lit_floor() -> Lab {
-    let floor = square(1.0, 0.0, false) + "usemtl floor\nf 1 2 3 4\n";
-    let lab = Lab::new(&floor, "newmtl floor\nKd 0.5 0.5 0.5\n");
-    let job = "scene = \"<scene>.obj\"\n\
-        [camera]\nposition = [0, 2, 0]\nlook_at = [0, 0, 0]\nvertical_fov = \"5deg\"\n\
-        [[light]]\nkind = \"panel\"\nwidth = 1\nheight = 1\nposition = [1, 2, 0]\ntarget = [0, 0, 0]\n\
-        [sensor]\nmodel = \"imx250\"\n\
-        [lens]\nf_number = 8\n";
-    lab.write("lens.toml", job);
-    lab.write("sharp.toml", &format!("{job}psf = \"none\"\n"));
-    lab
-}
-
 /// The text on standard error.
 pub(crate) fn complaint(assert: &Assert) -> String {
     String::from_utf8_lossy(&assert.get_output().stderr).into_owned()

@@ -3,71 +3,9 @@
 //!
 //! Replay: `cargo test -p dunkelfeld-cli --test it parts::NAME`.
 
-use assert_cmd::Command;
-use assert_cmd::assert::Assert;
-use std::fs;
-use std::io::{BufRead, BufReader, Lines};
-use std::path::PathBuf;
-use std::process::{Child, ChildStderr, Command as Process, Stdio};
-use tempfile::TempDir;
-
-const PROGRAM: &str = env!("CARGO_BIN_EXE_dunkelfeld");
-
-/// A folder with a scene: a floor under a lamp, and a wall with a shadow.
-struct Bench {
-    folder: TempDir,
-}
-
-impl Bench {
-    fn new() -> Self {
-        let bench = Self { folder: TempDir::new().expect("a temporary folder") };
-        bench.write("scene.mtl", "newmtl floor\nKd 0.5 0.5 0.5\nnewmtl lamp\nKd 0 0 0\nKe 3 2 1\n");
-        let floor = "v -1 0 1\nv 1 0 1\nv 1 0 -1\nv -1 0 -1\n";
-        let lamp = "v -0.3 1 -0.3\nv 0.3 1 -0.3\nv 0.3 1 0.3\nv -0.3 1 0.3\n";
-        let wall = "v 0 0 -0.5\nv 0.4 0 -0.3\nv 0.4 0.4 -0.3\nv 0 0.4 -0.5\n";
-        let faces = "o floor\nusemtl floor\nf 1 2 3 4\no wall\nf 9 10 11 12\no lamp\nusemtl lamp\nf 5 6 7 8\n";
-        bench.write("scene.obj", &format!("mtllib scene.mtl\n{floor}{lamp}{wall}{faces}"));
-        bench
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
-    }
-
-    fn write(&self, name: &str, text: &str) {
-        fs::write(self.path(name), text).expect("writable");
-    }
-
-    fn read(&self, name: &str) -> Vec<u8> {
-        fs::read(self.path(name)).unwrap_or_else(|e| panic!("{name}: {e}"))
-    }
-
-    fn run(&self, line: &str) -> Assert {
-        Command::new(PROGRAM).current_dir(self.folder.path()).args(line.split_whitespace()).assert()
-    }
-
-    /// Starts the program, and returns it and its lines of progress.
-    fn start(&self, line: &str) -> (Child, Lines<BufReader<ChildStderr>>) {
-        let mut child = Process::new(PROGRAM)
-            .current_dir(self.folder.path())
-            .args(line.split_whitespace())
-            .args(["--progress", "json"])
-            .stdout(Stdio::null())
-            .stderr(Stdio::piped())
-            .spawn()
-            .expect("the program starts");
-        let progress = BufReader::new(child.stderr.take().expect("a pipe"));
-        (child, progress.lines())
-    }
-}
-
-fn stdout(assert: &Assert) -> String {
-    String::from_utf8_lossy(&assert.get_output().stdout).into_owned()
-}
-
-fn stderr(assert: &Assert) -> String {
-    String::from_utf8_lossy(&assert.get_output().stderr).into_owned()
-}
+use crate::bench::{Bench, PROGRAM, stderr, stdout};
+use std::io::{BufRead, BufReader};
+use std::process::{Command, Stdio};
 
 /// Ctrl-C, as `kill -INT` sends it: no checkpoint was due by then.
 #[cfg(unix)]
@@ -76,9 +14,17 @@ fn an_interrupted_render_leaves_its_checkpoint_and_continues() {
     let bench = Bench::new();
     let base = "render scene.obj --width 96 --height 80 --seed 5 --spp 300 --threads 1";
     let kept = format!("{base} --checkpoint a.film --checkpoint-every 1h -o b.png --exr b.exr");
-    let (mut child, mut progress) = bench.start(&kept);
+    let mut child = Command::new(PROGRAM)
+        .current_dir(bench.folder.path())
+        .args(kept.split_whitespace())
+        .args(["--progress", "json"])
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("the program starts");
+    let mut progress = BufReader::new(child.stderr.take().expect("a pipe")).lines();
     assert_eq!(progress.by_ref().take(4).count(), 4, "it runs");
-    let sent = Process::new("kill").args(["-INT", &child.id().to_string()]).status().expect("there is a kill");
+    let sent = Command::new("kill").args(["-INT", &child.id().to_string()]).status().expect("there is a kill");
     assert!(sent.success());
     // Reads to the end: otherwise the pipe would be full.
     let _ = progress.count();
@@ -119,11 +65,8 @@ fn parts_of_several_processes_merge_to_the_whole() {
     for (line, says) in [
         ("merge a.film c.film -o x.png", &["c.film", "gap", "0..10", "11..24", "help:"][..]),
         ("merge a.film b.film a.film -o x.png", &["a.film", "overlap", "0..10", "help:"]),
-        ("merge a.film nowhere.film -o x.png", &["nowhere.film", "help:"]),
         ("merge a.film text.film -o x.png", &["text.film", "help:"]),
-        ("merge a.film b.film -o nowhere/x.png", &["nowhere/x.png", "help:"]),
         ("merge a.film b.film -o x.film", &["x.film", ".png", "help:"]),
-        ("merge a.film b.film --checkpoint b.film", &["b.film", "is a part", "help:"]),
         ("merge -o x.png", &["PART"]),
         ("merge a.film", &["--output"]),
         ("render scene.obj --seed 6 --width 40 --height 30 --samples 0..10 --checkpoint a.film", &["seed", "help:"]),
@@ -132,7 +75,6 @@ fn parts_of_several_processes_merge_to_the_whole() {
         ("render scene.obj --samples 0..10 --spp 3 --checkpoint x.film", &["--samples", "--spp"]),
         ("render scene.obj --checkpoint-every 5s", &["--checkpoint"]),
         ("render scene.obj --checkpoint x.png -o x.png", &["x.png", "checkpoint", "help:"]),
-        ("render scene.obj --checkpoint nowhere/x.film", &["nowhere/x.film", "help:"]),
         ("render scene.obj --checkpoint text.film", &["text.film", "help:"]),
     ] {
         let message = stderr(&bench.run(line).code(2));

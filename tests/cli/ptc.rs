@@ -1,14 +1,12 @@
-//! `dunkelfeld ptc` as its users have it: the report and its numbers, going on after an interruption, what it refuses.
+//! `dunkelfeld ptc` as its users have it: the report and its numbers, more frames later, what it refuses.
 //!
 //! Replay: `cargo test -p dunkelfeld-cli --test it ptc::NAME`.
 
-use crate::lab::{CutAt, Lab, complaint, lit_floor, same_numbers, square, stands_alone};
+use crate::lab::{Lab, complaint, same_numbers, square, stands_alone};
 use crate::markup::as_xml;
-use dunkelfeld::{Cancel, DenoiseMethod, Progress, Project, Session, Silent};
+use dunkelfeld::{DenoiseMethod, Project, Session};
 use dunkelfeld_studies::StudyOutcome;
 use dunkelfeld_studies::photon_transfer::{PtcSettings, ptc};
-use std::fs;
-use std::path::Path;
 
 /// A tiny measurement with everything in it.
 const TINY: &str =
@@ -22,14 +20,14 @@ fn lab() -> Lab {
 }
 
 /// The tiny measurement through the library.
-fn call(lab: &Lab, folder: &Path, frames: u32, progress: &dyn Progress, cancel: &Cancel) -> StudyOutcome {
+fn call(lab: &Lab, folder: &str, frames: u32) -> StudyOutcome {
     let input = lab.path("<scene>.obj");
     let mut project = Project::open(&input).expect("a scene");
     (project.settings.width, project.settings.height) = (24, 16);
     let settings =
         PtcSettings::default().with_frames(frames).with_spp(vec![4, 16]).with_denoise(DenoiseMethod::Builtin);
-    let session = Session::new(0).expect("threads").with_progress(progress).with_cancel(cancel);
-    ptc(project, &input, &settings, folder, false, &session).expect("a measurement")
+    ptc(project, &input, &settings, &lab.path(folder), false, &Session::new(0).expect("threads"))
+        .expect("a measurement")
 }
 
 #[test]
@@ -78,44 +76,13 @@ fn matched_frames_have_the_slope_of_the_sensor_and_plain_ones_scatter_more() {
     assert!(plain[5] > matched[5] + 0.03 && plain[5] > 1.04, "plain {plain:?}, matched {matched:?}");
 }
 
-/// The pictures are those behind the lens: their noise is a fifth of that of sharp ones, as docs/lens.md states of white noise
-/// at f/8.
-///
-/// Eight frames of 3072 pixels, of which about five share their noise: a standard error of 3 %.
 #[test]
-fn pictures_have_the_noise_behind_the_lens() {
-    let lab = lit_floor();
-    let variance = |job: &str| {
-        let flags = "--width 64 --height 48 --frames 8 --spp 2 --denoise off --progress none";
-        lab.run(&format!("ptc {job}.toml {flags} -o {job}")).code(0);
-        let rows = lab.table(&format!("{job}/series.csv"));
-        rows[0]["variance"].parse::<f64>().unwrap_or_else(|_| panic!("{rows:?}"))
-    };
-    let (sharp, lens) = (variance("sharp"), variance("lens"));
-    assert!((4.2..6.2).contains(&(sharp / lens)), "{sharp} {lens}");
-}
-
-#[test]
-fn an_interrupted_measurement_continues_also_with_more_frames() {
+fn more_frames_later_are_the_same_as_all_at_once() {
     let lab = lab();
-    let whole = call(&lab, &lab.path("whole"), 6, &Silent, &Cancel::new());
+    let whole = call(&lab, "whole", 6);
     assert!(!whole.interrupted && whole.finished == [24, 24], "{whole:?}");
-    let cancel = Cancel::new();
-    let partial = call(&lab, &lab.path("cut"), 6, &CutAt(0.7, &cancel), &cancel);
-    assert!(partial.interrupted && (1..24).contains(&partial.finished[0]), "{partial:?}");
-    assert!(lab.read("cut/report.html").contains(&format!("{} of 24 renders", partial.finished[0])));
-    let kept: Vec<String> = lab.names("cut/units").into_iter().collect();
-    let stamp = |name: &str| fs::metadata(lab.path("cut/units").join(name)).and_then(|m| m.modified()).expect("a file");
-    let before: Vec<_> = kept.iter().map(|name| stamp(name)).collect();
-    let rest = call(&lab, &lab.path("cut"), 6, &Silent, &Cancel::new());
-    assert_eq!(rest.finished, [24, 24]);
-    assert_eq!(kept.iter().map(|name| stamp(name)).collect::<Vec<_>>(), before);
-    for name in ["curves.csv", "lines.csv"] {
-        assert_eq!(lab.read(&format!("cut/{name}")), lab.read(&format!("whole/{name}")), "{name}");
-    }
-    // Fewer first and more later are the same as all at once.
-    call(&lab, &lab.path("grown"), 4, &Silent, &Cancel::new());
-    call(&lab, &lab.path("grown"), 6, &Silent, &Cancel::new());
+    call(&lab, "grown", 4);
+    call(&lab, "grown", 6);
     assert_eq!(lab.read("grown/curves.csv"), lab.read("whole/curves.csv"));
 }
 

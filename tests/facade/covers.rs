@@ -5,11 +5,11 @@
 //! comparison has a check of its power: with some percent of the light counted twice, as a path that two techniques both find would be,
 //! it must fail. The false-alarm rate of each check is `support::RATE`. Replay: `cargo test -p dunkelfeld --test it covers::NAME`.
 
-use crate::support::{RATE, build, emitter, film, settings, spot_camera, square};
+use crate::support::{Add, RATE, build, emitter, film, settings, sky, spot_camera, square};
 use dunkelfeld::geometry::{DAffine3, DQuat, DVec3, Mesh, Vec2, Vec3};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::shapes::{cuboid, rectangle, sheet, turned};
-use dunkelfeld::scene::{AlphaMode, Effect, Environment, EnvironmentSource, Material, SceneBuilder, Surface, Volume};
+use dunkelfeld::scene::{AlphaMode, Effect, Material, SceneBuilder, Surface, Volume};
 use dunkelfeld_testkit::{SampleMoments, welch_test};
 
 /// Clear PMMA, or another plastic, that absorbs a little: half of the light is left after 30 mm.
@@ -38,11 +38,9 @@ fn plate(low: f32, high: f32) -> Mesh {
 fn bench(objects: Vec<(&str, Mesh, Material)>) -> SceneBuilder {
     let mut b = SceneBuilder::default();
     for (name, mesh, material) in objects {
-        let m = b.add_material(material);
-        b.add_object(name, mesh, m);
+        b.add(name, mesh, material);
     }
-    let m = b.add_material(emitter(5.0));
-    b.add_object("light", rectangle(Vec3::new(0.1, -0.15, 0.02), Vec3::Z * 0.18, Vec3::Y * 0.3), m);
+    b.add("light", rectangle(Vec3::new(0.1, -0.15, 0.02), Vec3::Z * 0.18, Vec3::Y * 0.3), emitter(5.0));
     spot_camera(&mut b, DVec3::new(0.003, 0.0, 0.3), DVec3::new(0.003, 0.0, 0.0), 1e-4);
     b
 }
@@ -76,29 +74,6 @@ fn compare(what: &str, builder: SceneBuilder, stacks: usize, spp: f64, twice: f6
 }
 
 #[test]
-fn a_flat_cover_with_an_air_gap() {
-    compare(
-        "flat, gapped",
-        bench(vec![("floor", square(0.0, 0.3, false), paint()), ("cover", plate(0.001, 0.005), clear(1.49))]),
-        1,
-        1024.0,
-        0.05,
-    );
-}
-
-#[test]
-fn a_flat_cover_in_optical_contact() {
-    // The floor stands a little above the cover's lower face: light that is in the cover falls on it.
-    compare(
-        "flat, in contact",
-        bench(vec![("floor", square(0.0011, 0.3, false), paint()), ("cover", plate(0.001, 0.005), clear(1.49))]),
-        1,
-        1024.0,
-        0.05,
-    );
-}
-
-#[test]
 fn a_cover_of_two_layers() {
     let floor = || ("floor", square(0.0, 0.3, false), paint());
     let cover = || ("cover", plate(0.001, 0.005), clear(1.49));
@@ -118,46 +93,32 @@ fn bulged() -> Mesh {
 }
 
 #[test]
-fn a_moulded_cover() {
-    compare(
-        "moulded",
-        bench(vec![("floor", square(0.0, 0.3, false), paint()), ("cover", bulged(), clear(1.49))]),
-        1,
-        1024.0,
-        0.05,
-    );
-}
-
-#[test]
-fn a_moulded_cover_in_optical_contact() {
+fn a_cover_over_a_floor() {
     // One refraction: the floor stands in the cover, whose upper face bulges.
-    let cover = sheet(Vec2::splat(0.08), 40, |side, x, y| {
+    let lid = sheet(Vec2::splat(0.08), 40, |side, x, y| {
         let (u, v) = (x / 0.08, y / 0.08);
         0.001 + side as f64 * (0.004 + 0.002 * (1.0 - u * u) * (1.0 - v * v))
     });
-    compare(
-        "moulded, in contact",
-        bench(vec![("floor", square(0.0011, 0.3, false), paint()), ("cover", cover, clear(1.49))]),
-        1,
-        1024.0,
-        0.05,
-    );
-}
-
-#[test]
-fn a_cover_with_a_rounded_rim() {
     // The light comes in where the upper face begins to fall towards the rim.
-    let cover = sheet(Vec2::splat(0.012), 48, |side, x, y| {
+    let rounded = sheet(Vec2::splat(0.012), 48, |side, x, y| {
         let (u, v) = (x / 0.012, y / 0.012);
         0.001 + side as f64 * (0.001 + 0.003 * (1.0 - u.powi(6)) * (1.0 - v.powi(6)))
     });
-    compare(
-        "rounded rim",
-        bench(vec![("floor", square(0.0, 0.3, false), paint()), ("cover", cover, clear(1.49))]),
-        1,
-        2048.0,
-        0.08,
-    );
+    // Under the edge of the hole some light comes straight through it, some through its wall, and some through both
+    // faces.
+    let hole = [(0.005, 0.001), (0.08, 0.001), (0.08, 0.005), (0.005, 0.005)].map(Vec2::from);
+    // In contact the floor stands a little above the cover's lower face: light that is in the cover falls on it.
+    for (what, floor, cover, spp, twice) in [
+        ("flat, gapped", 0.0, plate(0.001, 0.005), 1024.0, 0.05),
+        ("flat, in contact", 0.0011, plate(0.001, 0.005), 1024.0, 0.05),
+        ("moulded", 0.0, bulged(), 1024.0, 0.05),
+        ("moulded, in contact", 0.0011, lid, 1024.0, 0.05),
+        ("rounded rim", 0.0, rounded, 2048.0, 0.08),
+        ("a hole", 0.0, turned(&hole, 48), 2048.0, 0.08),
+    ] {
+        let objects = vec![("floor", square(floor, 0.3, false), paint()), ("cover", cover, clear(1.49))];
+        compare(what, bench(objects), 1, spp, twice);
+    }
 }
 
 /// A lens of half a metre's focal length, of 40 mm x 40 mm in 100 x 100 cells, under a light right above.
@@ -170,12 +131,9 @@ fn under_a_lens(is_smooth: bool) -> SceneBuilder {
         lens.normals.clear();
     }
     let mut b = SceneBuilder::default();
-    let m = b.add_material(paint());
-    b.add_object("floor", square(0.0, 0.1, false), m);
-    let m = b.add_material(clear(1.49));
-    b.add_object("cover", lens, m);
-    let m = b.add_material(emitter(5.0));
-    b.add_object("light", square(0.15, 0.08, true), m);
+    b.add("floor", square(0.0, 0.1, false), paint());
+    b.add("cover", lens, clear(1.49));
+    b.add("light", square(0.15, 0.08, true), emitter(5.0));
     spot_camera(&mut b, DVec3::new(0.2, 0.0, 0.2), DVec3::ZERO, 1e-4);
     b
 }
@@ -198,26 +156,10 @@ fn a_tilted_cover_with_the_light_below() {
     let m = b.add_material(clear(1.49));
     let cover = b.add_object("cover", plate(-0.002, 0.002), m);
     b.instances[cover].to_world = DAffine3::from_rotation_translation(DQuat::from_rotation_y(0.35), DVec3::ZERO);
-    let m = b.add_material(paint());
-    b.add_object("ceiling", square(0.04, 0.3, true), m);
-    let m = b.add_material(emitter(5.0));
-    b.add_object("light", rectangle(Vec3::new(0.02, -0.08, -0.1), Vec3::X * 0.12, Vec3::Y * 0.16), m);
+    b.add("ceiling", square(0.04, 0.3, true), paint());
+    b.add("light", rectangle(Vec3::new(0.02, -0.08, -0.1), Vec3::X * 0.12, Vec3::Y * 0.16), emitter(5.0));
     spot_camera(&mut b, DVec3::new(-0.2, 0.0, -0.2), DVec3::new(0.0, 0.0, 0.04), 1e-4);
     compare("tilted, light below", b, 1, 1024.0, 0.05);
-}
-
-#[test]
-fn a_cover_with_a_hole() {
-    // Under the edge of the hole some light comes straight through it, some through its wall, and some through both
-    // faces.
-    let outline = [(0.005, 0.001), (0.08, 0.001), (0.08, 0.005), (0.005, 0.005)].map(Vec2::from);
-    compare(
-        "a hole",
-        bench(vec![("floor", square(0.0, 0.3, false), paint()), ("cover", turned(&outline, 48), clear(1.49))]),
-        1,
-        2048.0,
-        0.08,
-    );
 }
 
 #[test]
@@ -236,7 +178,7 @@ fn two_covers_that_are_no_stack() {
 #[test]
 fn the_sky_through_a_cover() {
     let mut b = bench(vec![("floor", square(0.0, 0.3, false), paint()), ("cover", plate(0.001, 0.005), clear(1.49))]);
-    b.environment = Some(Environment { source: EnvironmentSource::Constant(Rgb::splat(0.5)), rotation: 0.0 });
+    b.environment = sky(0.5);
     compare("with a sky", b, 1, 256.0, 0.05);
 }
 

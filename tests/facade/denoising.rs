@@ -2,29 +2,22 @@
 //!
 //! Replay: `cargo test -p dunkelfeld --test it denoising::NAME`.
 
-use crate::support::{build, emitter, film, settings, spot_camera, square};
+use crate::support::{Add, build, clear, emitter, film, settings, spot_camera, square};
 use dunkelfeld::film::Film;
 use dunkelfeld::geometry::{DVec3, Vec3};
 use dunkelfeld::radiometry::Rgb;
-use dunkelfeld::scene::{Material, Scene, SceneBuilder, Surface, Volume, shapes};
+use dunkelfeld::scene::{Material, Scene, SceneBuilder, shapes};
 use dunkelfeld::{Cancel, DenoiseMethod, Progress, ProgressState, Project, Stage};
 
 /// A red floor with its normal along +z, behind a cover or in a mirror. The lamp is outside of the view.
 fn scene(camera: (DVec3, DVec3), add: impl FnOnce(&mut SceneBuilder)) -> Scene {
     let mut b = SceneBuilder::default();
     let floor = Material { base_color: Rgb::new(0.8, 0.2, 0.1), specular: 0.0, roughness: 1.0, ..Material::default() };
-    let floor = b.add_material(floor);
-    b.add_object("floor", square(0.0, 4.0, false), floor);
-    let lamp = b.add_material(emitter(5.0));
-    b.add_object("lamp", shapes::rectangle(Vec3::new(1.9, 1.0, 1.0), Vec3::Y * -2.0, Vec3::Z), lamp);
+    b.add("floor", square(0.0, 4.0, false), floor);
+    b.add("lamp", shapes::rectangle(Vec3::new(1.9, 1.0, 1.0), Vec3::Y * -2.0, Vec3::Z), emitter(5.0));
     add(&mut b);
     spot_camera(&mut b, camera.0, camera.1, 0.05);
     build(b)
-}
-
-fn glass(roughness: f32) -> Material {
-    let surface = Surface::Solid(Volume::default());
-    Material { ior: 1.49, roughness, transmission: 1.0, surface, ..Material::default() }
 }
 
 /// Mean albedo, normal and depth of a film, and the largest variance of an albedo's mean.
@@ -53,8 +46,11 @@ fn layers_show_what_lies_behind_clear_covers_and_in_mirrors() {
     // Through two faces of smooth PMMA 8 % of the paths are reflected away and meet the cover or nothing instead.
     let cover = |roughness| {
         move |b: &mut SceneBuilder| {
-            let glass = b.add_material(glass(roughness));
-            b.add_object("cover", shapes::cuboid(Vec3::new(-0.9, -0.9, 0.4), Vec3::new(0.9, 0.9, 0.5)), glass);
+            b.add(
+                "cover",
+                shapes::cuboid(Vec3::new(-0.9, -0.9, 0.4), Vec3::new(0.9, 0.9, 0.5)),
+                Material { roughness, ..clear(1.49) },
+            );
         }
     };
     let (albedo, normal, depth, variance) = of(&scene(down, cover(0.0)));

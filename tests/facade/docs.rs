@@ -3,16 +3,13 @@
 //!
 //! Replay: `cargo test -p dunkelfeld --test it docs::NAME`.
 
-use crate::support::{build, emitter, settings, spot_camera, square};
+use crate::support::{Add, build, emitter, rendered, sensor, settings, spot_camera, square};
 use dunkelfeld::geometry::DVec3;
 use dunkelfeld::memory::{MemoryAccount, MemoryItem, MemoryStats};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::{Effect, Material, Scene, SceneBuilder};
-use dunkelfeld::sensor::Optics;
 use dunkelfeld::stats::{DenoiseStats, HeavySample, PartStats, STATS_VERSION};
-use dunkelfeld::{
-    Budget, Project, RenderSettings, SensorChoice, Session, Stage, Stats, develop_film, find_sensor, render,
-};
+use dunkelfeld::{Budget, Project, RenderSettings, Stage, Stats, develop_film, find_sensor};
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::job::{Job, light_keys, object_keys};
 use dunkelfeld_io::sensor_file::parse_sensor;
@@ -383,15 +380,13 @@ fn the_materials_page_states_what_becomes_of_every_material_extension() {
 /// A lamp that fills the view.
 fn lamp() -> Scene {
     let mut b = SceneBuilder::default();
-    let material = b.add_material(Material { emission: Rgb::new(1.0, 2.0, 3.0), ..emitter(1.0) });
-    b.add_object("lamp", square(0.0, 1.0, false), material);
+    b.add("lamp", square(0.0, 1.0, false), Material { emission: Rgb::new(1.0, 2.0, 3.0), ..emitter(1.0) });
     spot_camera(&mut b, DVec3::new(0.0, 0.0, 1.0), DVec3::ZERO, 0.25);
     build(b)
 }
 
 fn stats(settings: &RenderSettings) -> Value {
-    let rendering =
-        render(&lamp(), settings, &Session::new(settings.run.threads).expect("threads")).expect("valid settings");
+    let rendering = rendered(&lamp(), settings);
     let frame = develop_film(&rendering.film, settings).expect("a frame");
     let mut stats = Stats::new(&rendering, &frame, settings);
     for stage in [
@@ -431,9 +426,7 @@ fn stats(settings: &RenderSettings) -> Value {
 
 /// With and without a sensor, a time limit, and a variance: every field in every form that it can have.
 fn all_kinds_of_stats() -> [Value; 3] {
-    let optics = Optics::new(4.0, 0.9, 0.0).expect("in range");
-    let model = Box::new(find_sensor("imx250").expect("a preset"));
-    let sensor = SensorChoice::Emva { model, optics, exposure: None };
+    let sensor = sensor("imx250", None);
     let budget = Budget::default().with_seconds(60.0).with_spp(8.0).with_noise(Some(100.0));
     [
         stats(&settings(4, 3, 8.0, 1).with_sensor(sensor.clone()).with_budget(budget)),

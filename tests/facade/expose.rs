@@ -2,7 +2,7 @@
 //!
 //! Replay: `cargo test -p dunkelfeld --test it expose::NAME`.
 
-use crate::support::{build, emitter, settings, square};
+use crate::support::{Add, build, emitter, rendered, settings, square};
 use dunkelfeld::commands::{ExposeOutputs, expose_exr};
 use dunkelfeld::film::Plane;
 use dunkelfeld::geometry::DVec3;
@@ -11,7 +11,6 @@ use dunkelfeld::radiometry::{Electrons, Rgb, Seconds};
 use dunkelfeld::sensor::{BayerPattern, Exposure, ExposureNoise, Optics, SensorModel};
 use dunkelfeld::{
     Cancel, ExposeSettings, Exposer, Frame, Picture, RenderSettings, SensorChoice, Session, develop_film, find_sensor,
-    render,
 };
 use dunkelfeld_io::exr::{Channel, ExrLayers, write_exr};
 use dunkelfeld_io::layers::{Single, Triple};
@@ -233,17 +232,13 @@ fn known_noise_of_an_image_is_taken_out_of_the_cameras() {
 fn lit_floor(sensor: SensorModel, noise: ExposureNoise) -> (dunkelfeld::Rendering, RenderSettings) {
     let mut b = dunkelfeld::scene::SceneBuilder::default();
     let base_color = Rgb::new(0.7, 0.4, 0.2);
-    let floor = b.add_material(dunkelfeld::scene::Material { base_color, ..Default::default() });
-    b.add_object("floor", square(0.0, 2.4, false), floor);
-    let lamp = b.add_material(emitter(20.0));
-    b.add_object("lamp", square(1.2, 0.8, true), lamp);
+    b.add("floor", square(0.0, 2.4, false), dunkelfeld::scene::Material { base_color, ..Default::default() });
+    b.add("lamp", square(1.2, 0.8, true), emitter(20.0));
     b.add_camera("camera", DVec3::new(1.1, -2.0, 1.1), DVec3::new(0.0, 0.0, 0.1), 0.7);
     let optics = Optics::new(4.0, 0.9, 0.0).expect("in range");
     let sensor = SensorChoice::Emva { model: Box::new(sensor), optics, exposure: exposure(0.3e-3) };
     let settings = settings(30, 24, 16.0, 4).with_sensor(sensor).with_exposure_noise(noise);
-    let rendering =
-        render(&build(b), &settings, &Session::new(settings.run.threads).expect("threads")).expect("valid settings");
-    (rendering, settings)
+    (rendered(&build(b), &settings), settings)
 }
 
 fn developed(rendering: &dunkelfeld::Rendering, settings: &RenderSettings) -> Frame {
@@ -311,32 +306,23 @@ fn a_render_behind_a_filter_is_planned_and_certified() {
     use dunkelfeld_adaptive::weights::Strategy;
     let (_, settings) = lit_floor(colour(BayerPattern::Rggb), ExposureNoise::Plain);
     let mut b = dunkelfeld::scene::SceneBuilder::default();
-    let lamp = b.add_material(emitter(5.0));
-    b.add_object("lamp", square(0.0, 3.0, false), lamp);
+    b.add("lamp", square(0.0, 3.0, false), emitter(5.0));
     b.add_camera("camera", DVec3::new(0.0, 0.0, 2.0), DVec3::ZERO, 0.7);
     let scene = build(b);
     // A flat image has no edges: the paper's method shares its samples out evenly, mosaic or not.
     let sobel = settings.clone().with_strategy(Strategy::Sobel).with_budget(Budget::default().with_spp(32.0));
-    let counts = render(&scene, &sobel, &Session::new(sobel.run.threads).expect("threads"))
-        .expect("valid")
-        .film
-        .sums
-        .sample_counts();
+    let counts = rendered(&scene, &sobel).film.sums.sample_counts();
     let (least, most) = (counts.data().iter().min(), counts.data().iter().max());
     assert!(most.zip(least).is_some_and(|(most, least)| most - least <= 1), "{least:?} to {most:?} samples");
     // And a level of noise is reached.
-    let (rendering, hidden) = {
-        let (_, settings) = lit_floor(colour(BayerPattern::Grbg), ExposureNoise::Plain);
-        let budget = Budget::default().with_noise(1.0).with_spp(Some(4000.0));
-        let hidden = settings.with_strategy(Strategy::Sensor).with_budget(budget);
-        let mut b = dunkelfeld::scene::SceneBuilder::default();
-        let floor = b.add_material(dunkelfeld::scene::Material::default());
-        b.add_object("floor", square(0.0, 2.4, false), floor);
-        let lamp = b.add_material(emitter(20.0));
-        b.add_object("lamp", square(1.2, 0.8, true), lamp);
-        b.add_camera("camera", DVec3::new(1.1, -2.0, 1.1), DVec3::new(0.0, 0.0, 0.1), 0.7);
-        (render(&build(b), &hidden, &Session::new(hidden.run.threads).expect("threads")).expect("valid"), hidden)
-    };
+    let (_, settings) = lit_floor(colour(BayerPattern::Grbg), ExposureNoise::Plain);
+    let budget = Budget::default().with_noise(1.0).with_spp(Some(4000.0));
+    let hidden = settings.with_strategy(Strategy::Sensor).with_budget(budget);
+    let mut b = dunkelfeld::scene::SceneBuilder::default();
+    b.add("floor", square(0.0, 2.4, false), dunkelfeld::scene::Material::default());
+    b.add("lamp", square(1.2, 0.8, true), emitter(20.0));
+    b.add_camera("camera", DVec3::new(1.1, -2.0, 1.1), DVec3::new(0.0, 0.0, 0.1), 0.7);
+    let rendering = rendered(&build(b), &hidden);
     let frame = developed(&rendering, &hidden);
     let certified = frame.sensor.and_then(|s| s.certified).expect("certified");
     assert!(certified.certificate.is_hidden(), "{:?}", certified.certificate);

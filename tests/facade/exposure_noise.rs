@@ -1,159 +1,28 @@
-//! Photon transfer of rendered frames: a scene is rendered anew for every frame, with the noise of a budget of k = 0.7.
-//! If their noise is matched, the frames must scatter by EMVA 1288, otherwise more.
+//! Exposure whose noise is matched: what it depends on, and where it holds. `tests/cli/ptc.rs` has the photon transfer of rendered
+//! frames.
 //!
 //! Replay: `cargo test -p dunkelfeld --test it exposure_noise::NAME`.
 
-use crate::support::{settings, shadow};
+use crate::support::{rendered, sensor, settings, shadow};
 use dunkelfeld::film::{Accumulate, Film, PixelSums, Plane, Sample};
 use dunkelfeld::outputs::encode_layers;
-use dunkelfeld::radiometry::{Electrons, Rgb, Seconds};
-use dunkelfeld::scene::Scene;
-use dunkelfeld::sensor::{Device, Exposure, ExposureNoise, FrameKey, Optics};
-use dunkelfeld::{
-    Frame, RenderSettings, RenderedFilm, Rendering, SensorChoice, Session, develop, develop_film, find_sensor, render,
-};
+use dunkelfeld::radiometry::{Electrons, Rgb};
+use dunkelfeld::sensor::{Device, ExposureNoise, FrameKey};
+use dunkelfeld::{Frame, RenderSettings, RenderedFilm, Rendering, SensorChoice, Session, develop, develop_film};
 use dunkelfeld_integrator::PixelIds;
 use dunkelfeld_io::layers::Single;
 use dunkelfeld_sampling::hash_u64;
 
 const SIDE: u32 = 96;
-const PIXELS: usize = (SIDE * SIDE) as usize;
 const FRAMES: u32 = 48;
-/// Standard deviation of the render's noise over that of the camera.
-const K: f64 = 0.7;
 
 /// Exposed for so many milliseconds.
 fn exposed(ms: f64) -> RenderSettings {
-    let optics = Optics::new(4.0, 0.9, 0.0).expect("in range");
-    let model = Box::new(find_sensor("imx250").expect("a preset"));
-    let exposure = Exposure::new(Seconds(ms * 1e-3)).expect("in range");
-    let sensor = SensorChoice::Emva { model, optics, exposure: Some(exposure) };
-    settings(SIDE, SIDE, 64.0, 5).with_sensor(sensor).with_exposure_noise(ExposureNoise::Matched)
-}
-
-fn rendered(scene: &Scene, settings: &RenderSettings) -> Rendering {
-    render(scene, settings, &Session::new(settings.run.threads).expect("threads")).expect("valid settings")
+    settings(SIDE, SIDE, 64.0, 5).with_sensor(sensor("imx250", Some(ms))).with_exposure_noise(ExposureNoise::Matched)
 }
 
 fn developed(rendering: &Rendering, settings: &RenderSettings) -> Frame {
     develop_film(&rendering.film, settings).expect("a frame")
-}
-
-/// Variance of the render over that of the camera, as certified.
-fn ratios(rendering: &Rendering, settings: &RenderSettings) -> Vec<f64> {
-    let frame = developed(rendering, settings).sensor.expect("a sensor");
-    frame.certified.expect("certified").ratios.data().iter().map(|&r| f64::from(r)).collect()
-}
-
-/// Samples that leave the noise of K: corrected a few times, by little, for quasi-random samples do better than one
-/// over their number.
-fn plan(scene: &Scene, ms: f64) -> Plane<u32> {
-    let mut plan = Plane::new(SIDE, SIDE, 64);
-    for frame in 1000..1004 {
-        let settings = exposed(ms).with_frame(frame).running(|run| run.with_replay(plan.clone()));
-        let ratios = ratios(&rendered(scene, &settings), &settings);
-        for (n, ratio) in plan.data_mut().iter_mut().zip(ratios) {
-            // Full sets of the four batches, two at least.
-            *n = ((f64::from(*n) * (ratio / (K * K)).powf(0.6) / 4.0).round().clamp(2.0, 500.0) as u32) * 4;
-        }
-    }
-    plan
-}
-
-/// Per pixel over the frames.
-#[derive(Clone, Copy, Default)]
-struct Pixel {
-    electrons: f64,
-    /// Certified: variance of the render over that of the camera, on average over the frames.
-    ratio: f64,
-    held: u32,
-    /// Frames without a rare sample in this pixel.
-    counted: f64,
-    /// Variance of the render over that of the camera in these.
-    known: f64,
-    /// Sums of grey values and of their squares over these: matched, plain.
-    values: [[f64; 2]; 2],
-}
-
-/// The variance of the frames over that of EMVA 1288 in stretches of signal, matched and plain, where it holds in most
-/// frames. These count whether it holds in them or not, except for those with a rare sample.
-///
-/// Each variance rests on at least 2000 pixels times 47 degrees of freedom: a standard error below 0.46 % for normal
-/// values, and 0.5 % with the tails that render noise has. The bar of 3 % is six of them away from the truth; all four
-/// comparisons together fail by chance with a probability below 1e-8. Those of plain exposure are judged by 6 %.
-#[test]
-#[ignore = "long: .ci/run runs it"]
-fn frames_of_a_rendered_scene_have_the_photon_transfer_of_the_camera() {
-    // Most pixels have 50 to 150 electrons, then up to 600.
-    for ms in [0.17, 0.6] {
-        photon_transfer(ms);
-    }
-}
-
-fn photon_transfer(ms: f64) {
-    let scene = shadow();
-    let plan = plan(&scene, ms);
-    let mut pixels = vec![Pixel::default(); PIXELS];
-    for frame in 0..FRAMES {
-        let matched = exposed(ms).with_frame(frame).running(|run| run.with_replay(plan.clone()));
-        let rendering = rendered(&scene, &matched);
-        let frames =
-            [&matched, &plain(&matched)].map(|settings| developed(&rendering, settings).sensor.expect("a sensor"));
-        let matched = frames[0].matched.as_ref().expect("matched");
-        let (held, known) = (matched.held.data(), matched.ratios.data());
-        let ratios = frames[0].certified.as_ref().expect("certified").ratios.data();
-        for (i, pixel) in pixels.iter_mut().enumerate() {
-            pixel.electrons += f64::from(frames[0].electrons.data()[i]) / f64::from(FRAMES);
-            pixel.ratio += f64::from(ratios[i]) / f64::from(FRAMES);
-            pixel.held += u32::from(held[i]);
-            if known[i].is_infinite() {
-                continue;
-            }
-            pixel.counted += 1.0;
-            pixel.known += f64::from(known[i]);
-            for (sums, frame) in pixel.values.iter_mut().zip(&frames) {
-                let value = f64::from(frame.values.data()[i]);
-                *sums = [sums[0] + value, sums[1] + value * value];
-            }
-        }
-    }
-
-    let SensorChoice::Emva { model, exposure: Some(exposure), .. } = exposed(ms).sensor else { panic!("a sensor") };
-    let (gain, time) = (model.spec().system_gain, exposure.time());
-    let prnu = model.spec().fixed_pattern.prnu;
-    assert!(prnu < 0.02, "the fixed pattern does not matter for temporal variance at this level");
-    let camera = |electrons: f64| gain * gain * model.temporal_variance(Electrons(electrons), time);
-    // From 50 electrons to where the well would clip.
-    let lit = |p: &&Pixel| p.electrons >= 50.0 && p.electrons < 0.8 * model.saturation().0;
-    let trusted = |p: &&Pixel| 2 * p.held > FRAMES;
-    let mut chosen: Vec<&Pixel> = pixels.iter().filter(lit).filter(trusted).collect();
-    let all = pixels.iter().filter(lit).count();
-    assert!(chosen.len() as f64 > 0.85 * all as f64, "it holds in {} of {all} pixels only", chosen.len());
-    assert!(all > 5000, "{all} pixels are lit as they should be");
-    let counted = chosen.iter().map(|p| p.counted).sum::<f64>() / chosen.len() as f64 / f64::from(FRAMES);
-    assert!(counted > 0.8, "too many frames have rare samples: {counted}");
-    chosen.sort_by(|a, b| a.electrons.total_cmp(&b.electrons));
-    for (name, pixels) in ["dark", "bright"].iter().zip(chosen.chunks(chosen.len().div_ceil(2))) {
-        assert!(pixels.len() > 2000, "{name}: {} pixels", pixels.len());
-        let mean = |f: &dyn Fn(&Pixel) -> f64| pixels.iter().map(|p| f(p)).sum::<f64>() / pixels.len() as f64;
-        let variance = |which: usize| {
-            mean(&|p| {
-                let ([sum, squares], n) = (p.values[which], p.counted);
-                (squares - sum * sum / n) / (n - 1.0) / camera(p.electrons)
-            })
-        };
-        let (matched, plain, ratio) = (variance(0), variance(1), mean(&|p| p.ratio));
-        let known = mean(&|p| p.known / p.counted);
-        let (low, high) = (pixels[0].electrons, pixels[pixels.len() - 1].electrons);
-        let what = format!(
-            "{counted:.3} of {ms} ms, {name}, {} pixels of {low:.0} to {high:.0} electrons, k = {:.3}: matched {matched:.4}, plain {plain:.4} of EMVA 1288",
-            pixels.len(),
-            ratio.sqrt()
-        );
-        assert!((0.42..0.56).contains(&ratio), "the noise is not that of k = 0.7: {what}");
-        assert!((matched - 1.0).abs() < 0.03, "{what}");
-        assert!((plain - 1.0 - known).abs() < 0.06, "{what}");
-    }
 }
 
 /// An even surface of which now and then a sample is 200 times as bright: in one pixel of a hundred, which it lifts by

@@ -3,7 +3,7 @@
 //! Replay: `cargo test -p dunkelfeld --test it hidden::NAME`. Seeds are fixed. The truth of certificates at full size is measured
 //! by `examples/certificate_truth.rs`.
 
-use crate::support::{RATE, build, emitter, square};
+use crate::support::{Add, RATE, build, emitter, rendered, sensor, square};
 
 use dunkelfeld::adaptive::{Certificate, Forecast, Strategy};
 use dunkelfeld::film::{Film, Plane};
@@ -11,31 +11,27 @@ use dunkelfeld::geometry::{DVec3, Vec3};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::shapes::{cuboid, sphere};
 use dunkelfeld::scene::{Material, Scene, SceneBuilder};
-use dunkelfeld::sensor::Optics;
 use dunkelfeld::{
     Budget, Frame, Progress, ProgressState, Project, RenderSettings, Rendering, SensorChoice, Session, develop,
-    develop_film, find_sensor, render,
+    develop_film, render,
 };
 use dunkelfeld_adaptive::budget::StopReason;
 use dunkelfeld_testkit::{ImageEstimate, ImageTest, SampleMoments};
 use std::path::Path;
 use std::sync::Mutex;
 
-fn sensor() -> SensorChoice {
-    let optics = Optics::new(4.0, 0.9, 0.0).expect("in range");
-    SensorChoice::Emva { model: Box::new(find_sensor("imx250").expect("a preset")), optics, exposure: None }
-}
-
 /// A floor with a box and a ball under a lamp: penumbrae, edges, an indirectly lit side, a dark surround.
 fn still_life() -> Scene {
     let mut b = SceneBuilder::default();
-    let floor = b.add_material(Material { base_color: Rgb::new(0.6, 0.5, 0.4), specular: 0.0, ..Material::default() });
-    b.add_object("floor", square(0.0, 1.2, false), floor);
+    b.add(
+        "floor",
+        square(0.0, 1.2, false),
+        Material { base_color: Rgb::new(0.6, 0.5, 0.4), specular: 0.0, ..Material::default() },
+    );
     let white = b.add_material(Material { base_color: Rgb::splat(0.8), specular: 0.0, ..Material::default() });
     b.add_object("box", cuboid(Vec3::new(-0.4, -0.2, 0.01), Vec3::new(-0.1, 0.2, 0.3)), white);
     b.add_object("ball", sphere(Vec3::new(0.2, 0.0, 0.2), 0.18, 12, true), white);
-    let light = b.add_material(emitter(30.0));
-    b.add_object("light", square(1.0, 0.4, true), light);
+    b.add("light", square(1.0, 0.4, true), emitter(30.0));
     b.add_camera("camera", DVec3::new(0.3, -1.5, 0.9), DVec3::new(0.0, 0.0, 0.15), 0.7);
     build(b)
 }
@@ -49,7 +45,7 @@ fn settings(width: u32, height: u32, budget: Budget, seed: u64) -> RenderSetting
         .with_height(height)
         .with_budget(budget)
         .with_seed(seed)
-        .with_sensor(sensor())
+        .with_sensor(sensor("imx250", None))
 }
 
 fn spp(n: f64) -> Budget {
@@ -58,10 +54,6 @@ fn spp(n: f64) -> Budget {
 
 fn noise(k: f64) -> Budget {
     Budget::default().with_noise(k)
-}
-
-fn rendered(scene: &Scene, settings: &RenderSettings) -> Rendering {
-    render(scene, settings, &Session::new(settings.run.threads).expect("threads")).expect("valid settings")
 }
 
 fn certified(rendering: &Rendering, settings: &RenderSettings) -> (Frame, Certificate) {
@@ -96,9 +88,11 @@ fn a_render_ends_when_it_is_hidden_and_the_forecast_is_right() {
 #[test]
 fn a_forecast_comes_once_and_before_the_end() {
     #[derive(Default)]
-    struct Watch(Mutex<Vec<Forecast>>);
+    struct Watch(Mutex<Vec<Forecast>>, Mutex<Vec<ProgressState>>);
     impl Progress for Watch {
-        fn update(&self, _: &ProgressState) {}
+        fn update(&self, state: &ProgressState) {
+            self.1.lock().expect("no panic").push(*state);
+        }
         fn forecast(&self, forecast: &Forecast) {
             self.0.lock().expect("no panic").push(forecast.clone());
         }
@@ -107,6 +101,9 @@ fn a_forecast_comes_once_and_before_the_end() {
     let s = settings(24, 16, noise(3.0), 1);
     let rendering =
         render(&still_life(), &s, &Session::new(s.run.threads).expect("threads").with_progress(&watch)).expect("valid");
+    let seen = watch.1.into_inner().expect("no panic");
+    assert!(seen.iter().all(|s| (0.0..=1.0).contains(&s.fraction) && s.remaining.is_none_or(|r| r >= 0.0)), "{seen:?}");
+    assert!(seen.windows(2).all(|w| w[0].stage <= w[1].stage), "stages come in order");
     let forecasts = watch.0.into_inner().expect("no panic");
     assert_eq!(forecasts.len(), 1);
     assert_eq!(rendering.forecast.as_ref(), forecasts.first());
@@ -216,8 +213,7 @@ fn the_certified_variance_is_the_variance_over_seeds() {
 #[test]
 fn a_black_scene_is_hidden_at_once_and_silly_levels_are_refused() {
     let mut b = SceneBuilder::default();
-    let material = b.add_material(crate::support::black());
-    b.add_object("floor", square(0.0, 1.0, false), material);
+    b.add("floor", square(0.0, 1.0, false), crate::support::black());
     b.add_camera("camera", DVec3::Z, DVec3::ZERO, 0.5);
     let scene = build(b);
     let s = settings(8, 8, noise(0.01), 0);

@@ -3,13 +3,13 @@
 //!
 //! Replay: `cargo test -p dunkelfeld --test it invariants::NAME`.
 
-use crate::support::{build, emitter, settings, square};
+use crate::support::{self, Add, build, emitter, rendered, settings, square};
 use dunkelfeld::film::{Accumulate, Film, PixelSums};
 use dunkelfeld::geometry::{DVec3, Vec3};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::shapes::{cuboid, sphere};
 use dunkelfeld::scene::{Material, Scene, SceneBuilder, Surface, Volume};
-use dunkelfeld::{Budget, RenderSettings, Session, render};
+use dunkelfeld::{Budget, RenderSettings};
 use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_integrator::{Estimator, PixelSample};
 
@@ -20,8 +20,7 @@ fn room() -> Scene {
 
 fn objects() -> SceneBuilder {
     let mut b = SceneBuilder::default();
-    let floor = b.add_material(Material { base_color: Rgb::new(0.7, 0.5, 0.3), ..Material::default() });
-    b.add_object("floor", square(0.0, 2.0, false), floor);
+    b.add("floor", square(0.0, 2.0, false), Material { base_color: Rgb::new(0.7, 0.5, 0.3), ..Material::default() });
     let volume = Volume { attenuation_color: Rgb::new(0.9, 0.8, 0.7), attenuation_distance: 0.1, ..Volume::default() };
     let glass = b.add_material(Material {
         roughness: 0.0,
@@ -30,16 +29,14 @@ fn objects() -> SceneBuilder {
         ..Material::default()
     });
     b.add_object("ball", sphere(Vec3::new(0.2, 0.0, 0.25), 0.2, 12, true), glass);
-    let metal = b.add_material(Material { metallic: 1.0, roughness: 0.3, ..Material::default() });
-    b.add_object("box", cuboid(Vec3::new(-0.5, -0.2, 0.01), Vec3::new(-0.1, 0.2, 0.3)), metal);
-    let light = b.add_material(emitter(8.0));
-    b.add_object("light", square(1.0, 0.5, true), light);
+    b.add(
+        "box",
+        cuboid(Vec3::new(-0.5, -0.2, 0.01), Vec3::new(-0.1, 0.2, 0.3)),
+        Material { metallic: 1.0, roughness: 0.3, ..Material::default() },
+    );
+    b.add("light", square(1.0, 0.5, true), emitter(8.0));
     b.add_camera("camera", DVec3::new(0.3, -1.5, 0.9), DVec3::new(0.0, 0.0, 0.15), 0.7);
     b
-}
-
-fn rendered(scene: &Scene, settings: &RenderSettings) -> Film {
-    crate::support::film(scene, settings)
 }
 
 #[test]
@@ -48,7 +45,7 @@ fn the_film_is_bit_identical_for_any_number_of_threads() {
     for strategy in [Strategy::Uniform, Strategy::Sobel] {
         let strategy = Some(strategy);
         let with = |threads| {
-            rendered(
+            support::film(
                 &scene,
                 &settings(50, 37, 32.0, 11).running(|run| run.with_threads(threads)).with_strategy(strategy),
             )
@@ -65,14 +62,14 @@ fn a_render_with_training_is_bit_identical_for_any_number_of_threads_and_in_part
     let with = |threads, paths| {
         let s =
             settings(24, 20, 16.0, 4).running(|run| run.with_threads(threads)).with_strategy(Some(Strategy::Uniform));
-        rendered(&scene, &s.running(|run| run.with_training_paths(paths)))
+        support::film(&scene, &s.running(|run| run.with_training_paths(paths)))
     };
     let one = with(1, 1024);
     assert!(one == with(3, 1024), "another number of threads");
     assert!(one != with(1, 0), "the training has an effect");
     let part = |samples| {
         let s = settings(24, 20, 16.0, 4).with_budget(Budget::default()).with_strategy(None);
-        rendered(&scene, &s.running(|run| run.with_training_paths(1024)).running(|run| run.with_samples(samples)))
+        support::film(&scene, &s.running(|run| run.with_training_paths(1024)).running(|run| run.with_samples(samples)))
     };
     let (first, second) = (part(0..8), part(8..16));
     let mut whole = first;
@@ -89,12 +86,15 @@ fn a_hidden_medium_does_not_change_the_image() {
         if is_hidden_there {
             let fog = Volume { scattering: Rgb::splat(10.0), ..Volume::default() };
             let surface = Surface::Solid(fog);
-            let fog = b.add_material(Material { transmission: 1.0, surface, ..Material::default() });
-            b.add_object("fog", sphere(Vec3::new(0.0, 0.0, -0.4), 0.1, 8, true), fog);
+            b.add(
+                "fog",
+                sphere(Vec3::new(0.0, 0.0, -0.4), 0.1, 8, true),
+                Material { transmission: 1.0, surface, ..Material::default() },
+            );
         }
         let scene = build(b);
         assert_eq!(scene.has_media(), is_hidden_there);
-        let film = rendered(&scene, &settings(24, 18, 256.0, 3).with_seed(seed));
+        let film = support::film(&scene, &settings(24, 18, 256.0, 3).with_seed(seed));
         let sums = film.sums();
         let pixels = sums.data();
         let n = pixels.len() as f64;
@@ -134,7 +134,7 @@ fn sample_sets_are_additive_to_the_last_bit() {
     let whole = part(0..128);
     assert!(sum == whole, "[0,64) + [64,128) differs from [0,128)");
     // And the renderer takes exactly these samples.
-    let by_rounds = rendered(&scene, &s.with_budget(Budget::default().with_spp(128.0)));
+    let by_rounds = support::film(&scene, &s.with_budget(Budget::default().with_spp(128.0)));
     assert!(by_rounds == whole, "rounds differ from samples taken one by one");
 }
 
@@ -143,7 +143,7 @@ fn a_timed_render_replays_to_the_same_bits() {
     let scene = room();
     let timed =
         settings(64, 48, 1.0, 3).with_budget(Budget::default().with_seconds(0.6)).with_strategy(Strategy::Sobel);
-    let run = |s: &RenderSettings| render(&scene, s, &Session::new(s.run.threads).expect("threads")).expect("valid");
+    let run = |s: &RenderSettings| rendered(&scene, s);
     let first = run(&timed);
     let plan = first.plan();
     assert!(plan.data().iter().all(|&n| n > 0) && plan.data().iter().any(|&n| n != plan.data()[0]), "the plan adapts");
@@ -155,10 +155,9 @@ fn a_timed_render_replays_to_the_same_bits() {
 fn invalid_samples_are_counted_and_named() {
     // A light beyond the range of f32 squared: the throughput overflows somewhere.
     let mut b = SceneBuilder::default();
-    let light = b.add_material(Material { emission: Rgb::splat(f32::MAX), ..emitter(1.0) });
-    b.add_object("light", square(0.0, 1.0, false), light);
+    b.add("light", square(0.0, 1.0, false), Material { emission: Rgb::splat(f32::MAX), ..emitter(1.0) });
     b.add_camera("camera", DVec3::Z, DVec3::ZERO, 0.5);
-    let r = render(&build(b), &settings(8, 8, 4.0, 0), &Session::new(0).expect("threads")).expect("valid");
+    let r = rendered(&build(b), &settings(8, 8, 4.0, 0));
     assert_eq!(r.film.sums.invalid_samples(), 8 * 8 * 4);
     assert!(!r.invalid.is_empty() && r.film.sums.mean().data().iter().all(|p| *p == [0.0; 3]));
 }

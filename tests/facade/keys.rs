@@ -84,14 +84,6 @@ fn stubs_and_pages_have_all_rows() {
     });
 }
 
-#[test]
-fn a_new_row_is_in_stubs_and_pages() {
-    let new = Key { flag: "sensor", keyword: "dummy", path: "dummy.key", kind: Kind::Length, ..KEYS[0] };
-    let keys = [KEYS, &[new]].concat();
-    assert!(stubs(&keys).contains("    dummy: float | str | None\n"));
-    assert!(list(&keys).contains("`dummy.key` (`--sensor`)"));
-}
-
 const JOB: &str = "scene = 'none'\ncamera = { look_at = [0, 0, 0], position = [0, 0.3, 0.4] }\n\
     film = { width = 24, height = 20 }\n[[object]]\nname = 'ball'\nkind = 'sphere'\ndiameter = '100mm'\n\
     [environment]\nradiance = 1\n";

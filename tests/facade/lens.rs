@@ -6,21 +6,17 @@
 use crate::support::{RATE, build, film, pixel_moments, settings, square};
 use dunkelfeld::film::Film;
 use dunkelfeld::geometry::{DVec3, Vec3};
-use dunkelfeld::radiometry::{Radiance, Rgb};
+use dunkelfeld::radiometry::Radiance;
 use dunkelfeld::scene::shapes::rectangle;
-use dunkelfeld::scene::{
-    Aperture, Camera, Environment, EnvironmentSource, Lens, Opening, Projection, SceneBuilder, Vignetting,
-};
+use dunkelfeld::scene::{Aperture, Camera, Lens, Opening, Projection, SceneBuilder};
 use dunkelfeld::sensor::Optics;
-use dunkelfeld::{Error, Project, RenderSettings, SensorChoice, find_sensor};
+use dunkelfeld::{Project, RenderSettings, SensorChoice, find_sensor};
 use dunkelfeld_testkit::{Claim, Estimate, SampleMoments, z_test};
 use std::f64::consts::PI;
 use std::fs;
 use tempfile::TempDir;
 
-/// A folder with a square as OBJ, which has no cameras, and as glTF with a perspective and an orthographic one.
-struct Bench(TempDir);
-
+/// A perspective and an orthographic camera.
 const GLTF: &str = r#"{
   "asset": { "version": "2.0" }, "scene": 0, "scenes": [{ "nodes": [0, 1] }],
   "nodes": [{ "name": "wide", "camera": 0 }, { "name": "flat", "camera": 1 }],
@@ -30,24 +26,13 @@ const GLTF: &str = r#"{
   ]
 }"#;
 
-impl Bench {
-    fn new() -> Self {
-        let folder = TempDir::new().expect("a temporary folder");
-        fs::write(folder.path().join("cameras.gltf"), GLTF).expect("writable");
-        fs::write(folder.path().join("square.obj"), "v -1 0 1\nv 1 0 1\nv 1 0 -1\nv -1 0 -1\nf 1 2 3 4\n")
-            .expect("writable");
-        Self(folder)
-    }
-
-    fn try_open(&self, scene: &str, job: &str) -> Result<Project, Error> {
-        let path = self.0.path().join("job.toml");
-        fs::write(&path, format!("scene = \"{scene}\"\n{job}")).expect("writable");
-        Project::open(path)
-    }
-
-    fn open(&self, job: &str) -> Project {
-        self.try_open("cameras.gltf", job).unwrap_or_else(|e| panic!("{e}\n{}", e.caret()))
-    }
+/// A job with these keys and cameras.
+fn open(job: &str) -> Project {
+    let folder = TempDir::new().expect("a temporary folder");
+    fs::write(folder.path().join("cameras.gltf"), GLTF).expect("writable");
+    let path = folder.path().join("job.toml");
+    fs::write(&path, format!("scene = \"cameras.gltf\"\n{job}")).expect("writable");
+    Project::open(path).unwrap_or_else(|e| panic!("{e}\n{}", e.caret()))
 }
 
 fn view(project: &Project) -> Camera {
@@ -79,8 +64,7 @@ fn close(got: f64, expected: f64) {
 /// The pixels of the imx250 and the imx174 have 3.45 um and 5.86 um.
 #[test]
 fn the_field_of_a_focal_length_follows_film_and_sensor_as_they_are_when_rendered() {
-    let bench = Bench::new();
-    let mut project = bench.open("[film]\nheight = 400\n[lens]\nfocal_length = \"12mm\"");
+    let mut project = open("[film]\nheight = 400\n[lens]\nfocal_length = \"12mm\"");
     let of = |rows: f64, pitch: f64| 2.0 * (0.5 * rows * pitch / 0.012).atan();
     close(field(&project), of(400.0, 3.45e-6));
     project.settings.height = 2048;
@@ -92,26 +76,25 @@ fn the_field_of_a_focal_length_follows_film_and_sensor_as_they_are_when_rendered
     project.settings.sensor = SensorChoice::None;
     close(field(&project), of(2048.0, 3.45e-6));
     // A film of given size on the sensor has the same field for any number of pixels.
-    project = bench.open("[film]\nsensor_height = \"7mm\"\n[lens]\nfocal_length = \"12mm\"");
+    project = open("[film]\nsensor_height = \"7mm\"\n[lens]\nfocal_length = \"12mm\"");
     for height in [100, 900] {
         project.settings.height = height;
         close(field(&project), 2.0 * (0.5f64 * 0.007 / 0.012).atan());
     }
-    project = bench.open("[film]\nwidth = 200\nheight = 50\nsensor_width = \"8mm\"\n[lens]\nfocal_length = \"12mm\"");
+    project = open("[film]\nwidth = 200\nheight = 50\nsensor_width = \"8mm\"\n[lens]\nfocal_length = \"12mm\"");
     close(field(&project), 2.0 * (0.5f64 * 0.002 / 0.012).atan());
     // Close up, the film stands farther from the lens: f (1 + m).
-    project = bench.open("[film]\nheight = 400\n[lens]\nfocal_length = \"12mm\"\nmagnification = 0.5");
+    project = open("[film]\nheight = 400\n[lens]\nfocal_length = \"12mm\"\nmagnification = 0.5");
     close(field(&project), 2.0 * (0.5 * 400.0 * 3.45e-6 / 0.018f64).atan());
     // A job without keys leaves the camera as it is.
-    close(field(&bench.open("")), 0.5);
-    assert_eq!(view(&bench.open("")).lens, Lens::default());
+    close(field(&open("")), 0.5);
+    assert_eq!(view(&open("")).lens, Lens::default());
 }
 
 #[test]
 fn a_focused_lens_obeys_the_thin_lens_equation_on_both_sides() {
-    let bench = Bench::new();
     let (f, n, u, rows) = (0.025f64, 2.8f64, 0.3f64, 1000.0f64);
-    let project = bench.open(
+    let project = open(
         "[film]\nheight = 1000\n[lens]\nfocal_length = \"25mm\"\nf_number = 2.8\nfocus_distance = \"300mm\"\nblades = 6",
     );
     let v = 1.0 / (1.0 / f - 1.0 / u);
@@ -124,16 +107,16 @@ fn a_focused_lens_obeys_the_thin_lens_equation_on_both_sides() {
     let light = optics(&project.fitted().expect("fits")).irradiance(Radiance(2.0)).0;
     close(light, PI * 2.0 * 0.9 * (radius / v).powi(2));
     // From the camera's own field of 0.5 rad the focal length follows, and the same relations hold.
-    let project = bench.open("[film]\nheight = 1000\n[lens]\nf_number = 2.8\nfocus_distance = \"300mm\"");
+    let project = open("[film]\nheight = 1000\n[lens]\nf_number = 2.8\nfocus_distance = \"300mm\"");
     let v = 0.5 * rows * 3.45e-6 / 0.25f64.tan();
     let Opening::Radius(radius) = opening(&project) else { panic!("a radius") };
     close(radius, 0.5 / (n * (1.0 / u + 1.0 / v)));
     close(optics(&project.fitted().expect("fits")).irradiance(Radiance(2.0)).0, PI * 2.0 * 0.9 * (radius / v).powi(2));
     // Focused at infinity: no magnification.
-    let project = bench.open("[lens]\nfocal_length = \"25mm\"\nfocus_distance = inf");
+    let project = open("[lens]\nfocal_length = \"25mm\"\nfocus_distance = inf");
     assert_eq!(optics(&project.fitted().expect("fits")), Optics::new(4.0, 0.9, 0.0).expect("in range"));
     // Optics that were set by hand stay.
-    let mut project = bench.open("[lens]\nfocal_length = \"25mm\"\nfocus_distance = 1");
+    let mut project = open("[lens]\nfocal_length = \"25mm\"\nfocus_distance = 1");
     let mine = Optics::new(11.0, 0.5, 0.25).expect("in range");
     let model = Box::new(find_sensor("imx174").expect("a preset"));
     project.settings.sensor = SensorChoice::Emva { model, optics: mine.clone(), exposure: None };
@@ -142,14 +125,13 @@ fn a_focused_lens_obeys_the_thin_lens_equation_on_both_sides() {
 
 #[test]
 fn a_telecentric_lens_agrees_with_its_sensor() {
-    let bench = Bench::new();
     let size = |project: &Project| match view(project).projection {
         Projection::Orthographic { half_width, half_height } => (f64::from(half_width), f64::from(half_height)),
         other => panic!("{other:?}"),
     };
     // 1000 rows of 3.45 um at magnification 0.25 cover 13.8 mm.
     let telecentric = "[film]\nwidth = 500\nheight = 1000\n[lens]\nprojection = \"telecentric\"\n";
-    let project = bench.open(&format!("{telecentric}magnification = 0.25\nf_number = 8\nfocus_distance = \"110mm\""));
+    let project = open(&format!("{telecentric}magnification = 0.25\nf_number = 8\nfocus_distance = \"110mm\""));
     let (half_width, half_height) = size(&project);
     close(half_height, 0.0069);
     close(half_width, 0.00345);
@@ -157,14 +139,14 @@ fn a_telecentric_lens_agrees_with_its_sensor() {
     // The sine on the image's side is NA / m; it fills pi L tau (NA / m)^2.
     close(optics(&project.fitted().expect("fits")).irradiance(Radiance(2.0)).0, PI * 2.0 * 0.9 * (sine / 0.25).powi(2));
     // The other way round: field and numerical aperture are given, f-number and magnification follow.
-    let project = bench.open(&format!("{telecentric}field_height = \"34.5mm\"\nnumerical_aperture = 0.01"));
+    let project = open(&format!("{telecentric}field_height = \"34.5mm\"\nnumerical_aperture = 0.01"));
     assert_eq!(view(&project).lens.aperture, None, "no focus distance, no blur");
     close(
         optics(&project.fitted().expect("fits")).irradiance(Radiance(2.0)).0,
         PI * 2.0 * 0.9 * (0.01f64 / 0.1).powi(2),
     );
     // An orthographic camera of the scene keeps its field.
-    let project = bench.open("camera = \"flat\"\n[lens]\nf_number = 2\nfocus_distance = 0.2\n[film]\nheight = 1000");
+    let project = open("camera = \"flat\"\n[lens]\nf_number = 2\nfocus_distance = 0.2\n[film]\nheight = 1000");
     let (half_width, half_height) = size(&project);
     close(half_width, 0.02);
     close(half_height, 0.015);
@@ -173,44 +155,6 @@ fn a_telecentric_lens_agrees_with_its_sensor() {
     // The film is 512 pixels wide: the camera's larger extent, its width of 40 mm at aspect 0.512, sets the height.
     let m = m * 0.512;
     close(sine, m / (2.0 * 2.0 * (1.0 + m)));
-}
-
-/// Everything is white: a sample is what the lens leaves of it, and the mean over a pixel that of cos^4 over the pixel.
-#[test]
-fn a_white_environment_has_the_vignetting_only() {
-    let environment = Some(Environment { source: EnvironmentSource::Constant(Rgb::WHITE), rotation: 0.0 });
-    let mut b = SceneBuilder { environment, ..SceneBuilder::default() };
-    let aperture = Some(Aperture { opening: Opening::Radius(0.01), focus_distance: 0.5, blades: None });
-    for vignetting in [Vignetting::None, Vignetting::CosineFourth] {
-        b.cameras.push(Camera {
-            name: format!("{vignetting:?}"),
-            projection: Projection::Perspective { vertical_fov: 1.2 },
-            lens: Lens { aperture, vignetting, ..Lens::default() },
-            ..Camera::default()
-        });
-    }
-    let scene = build(b);
-    let render = |name: &str| film(&scene, &settings(8, 8, 64.0, 1).with_camera(Some(name.into()))).mean();
-    assert!(render("None").data().iter().all(|p| *p == [1.0; 3]), "a lens without vignetting changes no radiance");
-    let dark = render("CosineFourth");
-    let t = f64::tan(0.6);
-    for y in 0..8u32 {
-        for x in 0..8u32 {
-            // Simpson's rule over the pixel; the samples are stratified well enough for three digits.
-            let cos4 = |i: f64, j: f64| {
-                let (a, b) = (t * ((f64::from(x) + i) / 4.0 - 1.0), t * ((f64::from(y) + j) / 4.0 - 1.0));
-                (1.0 + a * a + b * b).powi(-2)
-            };
-            let rule = [(0.0, 1.0 / 6.0), (0.5, 4.0 / 6.0), (1.0, 1.0 / 6.0)];
-            let mean: f64 = rule
-                .iter()
-                .flat_map(|&(i, a)| rule.iter().map(move |&(j, b)| (i, j, a * b)))
-                .map(|(i, j, w)| w * cos4(i, j))
-                .sum();
-            let got = f64::from(dark.data()[(8 * y + x) as usize][1]);
-            assert!((got - mean).abs() < 0.01 * mean, "{got} instead of {mean} at {x}, {y}");
-        }
-    }
 }
 
 /// A bright square on the axis, half as wide as the blur that a far plane has in the aperture's image: the share of the
@@ -258,7 +202,7 @@ fn share_left_of(t: f64, na: f64) -> f64 {
 fn a_telecentric_lens_keeps_its_scale_and_blurs_by_its_aperture() {
     const PIXELS: usize = 64;
     let (na, m, focus, edge) = (0.1f64, 0.25f64, 0.11f64, 1e-4f64);
-    let project = Bench::new().open(&format!(
+    let project = open(&format!(
         "[film]\nwidth = {PIXELS}\nheight = {PIXELS}\n[lens]\nprojection = \"telecentric\"\nmagnification = {m}\n\
          numerical_aperture = {na}\nfocus_distance = {focus}"
     ));

@@ -3,14 +3,12 @@
 //!
 //! Replay: `cargo test -p dunkelfeld --test it lens_image::NAME`.
 
-use crate::support::{settings, shadow};
+use crate::support::{self, settings, shadow};
 use dunkelfeld::film::Plane;
 use dunkelfeld::radiometry::Seconds;
 use dunkelfeld::scene::Scene;
-use dunkelfeld::sensor::{Exposure, ExposureNoise, Optics, Psf};
-use dunkelfeld::{
-    ExposeSettings, Frame, RenderSettings, Rendering, SensorChoice, Session, develop_film, find_sensor, render,
-};
+use dunkelfeld::sensor::{Exposure, Optics, Psf};
+use dunkelfeld::{ExposeSettings, Frame, RenderSettings, Rendering, SensorChoice, develop_film, find_sensor};
 
 const SIDE: u32 = 32;
 
@@ -22,8 +20,7 @@ fn exposed(psf: Psf, samples: f64, ms: f64) -> RenderSettings {
 }
 
 fn rendered(scene: &Scene, settings: &RenderSettings) -> (Rendering, Frame) {
-    let rendering =
-        render(scene, settings, &Session::new(settings.run.threads).expect("threads")).expect("valid settings");
+    let rendering = support::rendered(scene, settings);
     let frame = develop_film(&rendering.film, settings).expect("a frame");
     (rendering, frame)
 }
@@ -60,46 +57,6 @@ fn the_noise_behind_a_lens_is_that_of_the_certificate() {
     let ratio = measured / claimed;
     assert!((0.95..1.05).contains(&ratio), "{ratio}");
     assert!((0.0..=1.0).contains(&hidden), "{hidden}");
-}
-
-/// Frames of matched noise behind a lens have the variance of the camera, and as much of it at low as at high frequencies.
-///
-/// 200 pairs of differences of 1024 pixels in two bands: a standard error of 0.5 % for the variance and 0.9 % for a band.
-#[test]
-fn matched_noise_behind_a_lens_is_white() {
-    let scene = shadow();
-    let frames = 200;
-    let settings = exposed(Psf::Diffraction, 64.0, 0.25).with_exposure_noise(ExposureNoise::Matched);
-    let values: Vec<Vec<f64>> = (0..frames)
-        .map(|frame| {
-            let (_, frame) = rendered(&scene, &settings.clone().with_frame(frame));
-            let sensor = frame.sensor.as_ref().expect("a sensor");
-            let share = sensor.matched.as_ref().expect("matched").share;
-            assert!(share > 0.9, "{share}");
-            sensor.values.data().iter().map(|&v| f64::from(v)).collect()
-        })
-        .collect();
-    let pixels = (SIDE * SIDE) as usize;
-    let mean: Vec<f64> = (0..pixels).map(|i| values.iter().map(|v| v[i]).sum::<f64>() / f64::from(frames)).collect();
-    let model = find_sensor("imx250").expect("a preset");
-    let gain = model.spec().system_gain;
-    let time = Seconds(0.25e-3);
-    let expected = |i: usize| {
-        let electrons = (mean[i] - model.spec().offset.0) / gain;
-        gain * gain * model.temporal_variance(dunkelfeld::radiometry::Electrons(electrons), time)
-    };
-    let (mut whole, mut low) = (0.0, 0.0);
-    let blocks = (pixels / 16) as f64;
-    for pair in values.chunks(2) {
-        let noise: Vec<f64> = (0..pixels).map(|i| (pair[0][i] - pair[1][i]) / (2.0 * expected(i)).sqrt()).collect();
-        whole += noise.iter().map(|v| v * v).sum::<f64>() / pixels as f64;
-        for (x, y) in (0..SIDE / 4).flat_map(|y| (0..SIDE / 4).map(move |x| (4 * x, 4 * y))) {
-            let sum: f64 = (0..16).map(|i| noise[((y + i / 4) * SIDE + x + i % 4) as usize]).sum();
-            low += sum * sum / 16.0 / blocks;
-        }
-    }
-    let (whole, low) = (whole / f64::from(frames / 2), low / f64::from(frames / 2));
-    assert!((0.95..1.05).contains(&whole) && (0.93..1.07).contains(&low), "{whole} {low}");
 }
 
 /// The EXR of a render is exposed to the same grey values, and through other lenses without new samples.

@@ -1,6 +1,5 @@
-//! Films of groups of lights: they add up to the film of all lights, each is that of a render with its lights, and the
-//! certified variance of a weighted sum is the one that repeated renders have. Replay: `cargo test -p dunkelfeld --test it
-//! light_groups::NAME`.
+//! Films of groups of lights: they add up to the film of all lights, and each is that of a render with its lights.
+//! `crates/engine/film/src/weighted.rs` has the variance of a sum. Replay: `cargo test -p dunkelfeld --test it light_groups::NAME`.
 
 use crate::support::RATE;
 use dunkelfeld::film::{CheckpointSettings, mean_image};
@@ -9,7 +8,7 @@ use dunkelfeld::light_layers::{add_light_layers, sum_of_means};
 use dunkelfeld::outputs::encode_layers;
 use dunkelfeld::sensor::ExposureNoise;
 use dunkelfeld::{Budget, ExposeSettings, Exposer, Project, RenderedFilm, develop_film};
-use dunkelfeld_testkit::{SampleMoments, student_t_test, z_test};
+use dunkelfeld_testkit::z_test;
 
 const WIDTH: u32 = 64;
 const HEIGHT: u32 = 48;
@@ -202,40 +201,6 @@ fn a_group_is_a_render_with_its_lights() {
     }
 }
 
-/// Factors are those of the strengths in a job.
-#[test]
-fn factors_are_those_of_the_power_of_lights() {
-    let mut project = opened(64.0);
-    project.settings.run.light_groups = groups(&LIGHTS);
-    let weighted = film(&project).weighted(&[0.5, 0.0, 3.0, 1.0, 2.0, 0.25, 4.0]).expect("seven factors");
-    let mut project = opened(64.0);
-    project.settings.seed = 200;
-    project
-        .set_overrides(
-            r#"
-[environment]
-radiance = [0.8, 1.2, 1.6]
-[[light]]
-name = "glow"
-radiance = [1, 0.5, 0.25]
-[[light]]
-name = "other glow"
-radiance = 0
-[[light]]
-name = "panel"
-power = 0.9
-[[light]]
-name = "point"
-power = 0.6
-[[light]]
-name = "sun"
-irradiance = 0.5
-"#,
-        )
-        .expect("names of the job");
-    assert_equal(&regions(&film(&project).sums), &regions(&weighted.sums), "factors");
-}
-
 /// The settings of the exposure of the job.
 fn camera(project: &Project, noise: ExposureNoise) -> ExposeSettings {
     let settings = project.fitted().expect("a valid job");
@@ -251,45 +216,6 @@ fn certified_variances(film: &RenderedFilm, settings: &ExposeSettings) -> (Vec<f
         |&e: &f32| model.temporal_variance(dunkelfeld::radiometry::Electrons(e.into()), exposer.exposure().time());
     let found = exposer.electrons().data().iter().zip(ratios.data()).map(|(e, ratio)| of_sensor(e) * f64::from(*ratio));
     (exposer.electrons().data().to_vec(), found.collect())
-}
-
-/// The certified variance of a sum with factors is the variance over renders with other seeds. The sum over the pixels is
-/// compared, render by render, with the squared deviations from the mean of these renders.
-#[test]
-fn the_certified_variance_of_a_sum_is_that_of_repeated_renders() {
-    const RENDERS: u64 = 72;
-    let mut project = opened(16.0);
-    // Without caustics, whose rare samples make any estimate of a variance imprecise.
-    project.set_overrides("[[material]]\nname = \"ball\"\nmetallic = 0\nroughness = 0.8\n").expect("a material");
-    project.resize_keeping_view(24, 16);
-    let settings = camera(&project, ExposureNoise::Plain);
-    project.settings.run.light_groups = groups(&["panel", "bar", "sun"]);
-    let renders: Vec<(Vec<f32>, Vec<f64>)> = (0..RENDERS)
-        .map(|seed| {
-            project.settings.seed = seed;
-            // The groups share their samples, and their noise is not independent.
-            let weighted = film(&project).weighted(&[2.5, 0.4, 0.7, 0.0]).expect("four factors");
-            certified_variances(&weighted, &settings)
-        })
-        .collect();
-    // The first renders give all pixels about the same weight. The weights are independent of the renders that are compared.
-    let (first, compared) = renders.split_at(8);
-    let pixels = 0..first[0].0.len();
-    let sum_of = |renders: &[(Vec<f32>, Vec<f64>)], pixel: usize| renders.iter().map(|(_, v)| v[pixel]).sum::<f64>();
-    let weights: Vec<f64> = pixels.clone().map(|pixel| 8.0 / (sum_of(first, pixel) + 1.0)).collect();
-    let count = compared.len() as f64;
-    let means: Vec<f64> =
-        (pixels.clone()).map(|pixel| compared.iter().map(|(e, _)| f64::from(e[pixel])).sum::<f64>() / count).collect();
-    let certified = |variances: &[f64]| -> f64 { pixels.clone().map(|p| weights[p] * variances[p]).sum() };
-    let squares = |electrons: &[f32]| -> f64 {
-        let square = |p: usize| weights[p] * (f64::from(electrons[p]) - means[p]).powi(2);
-        pixels.clone().map(square).sum::<f64>() * count / (count - 1.0)
-    };
-    let differences: SampleMoments = compared.iter().map(|(e, variances)| squares(e) - certified(variances)).collect();
-    let level = compared.iter().map(|(_, variances)| certified(variances)).sum::<f64>() / count;
-    let error = differences.standard_error() / level;
-    assert!(error < 0.05, "the comparison is too noisy: {error}");
-    student_t_test(&differences, 0.0).assert(RATE, "variance over renders against certified variance");
 }
 
 /// The means of groups add up to the mean of the weighted film, and an EXR has the layers of the groups.
@@ -373,57 +299,4 @@ fn groups_behind_covers_add_up() {
         let sum: f64 = groups.iter().map(|group| group[number][0]).sum();
         assert!((sum / whole[0] - 1.0).abs() < 1e-5, "region and channel {number}");
     }
-}
-
-/// Frames of independent renders with matched noise scatter as frames of the camera do, also for a sum with factors.
-#[test]
-#[ignore = "long: .ci/run runs it"]
-fn matched_noise_of_a_sum_has_the_variance_of_the_camera() {
-    const FRAMES: u32 = 40;
-    let mut project = opened(96.0);
-    // Brighter lights would take most of the light samples.
-    let dark = ["glow", "other glow", "point", "sun"];
-    let dark = dark.map(|name| format!("[[light]]\nname = \"{name}\"\nscale = 0\n")).concat();
-    let ball = "[[material]]\nname = \"ball\"\nmetallic = 0\nroughness = 0.8\n";
-    project.set_overrides(&format!("environment = {{ radiance = 0 }}\n{ball}{dark}")).expect("names of the job");
-    project.resize_keeping_view(48, 36);
-    project.settings.run.light_groups = groups(&["panel", "bar"]);
-    let settings = [ExposureNoise::Plain, ExposureNoise::Matched]
-        .map(|noise| project.fitted().expect("a valid job").with_exposure_noise(noise));
-    let mut frames: [Vec<dunkelfeld::film::Plane<u16>>; 2] = [Vec::new(), Vec::new()];
-    let mut electrons = vec![0.0; 48 * 36];
-    let mut is_held = vec![true; 48 * 36];
-    let mut shares = Vec::new();
-    for number in 0..FRAMES {
-        project.settings.seed = 5000 + u64::from(number);
-        let film = film(&project);
-        let factors = [2.0, 0.5, 0.0];
-        let weighted = film.weighted(&factors[..film.groups.len()]).expect("factors");
-        for (frames, settings) in frames.iter_mut().zip(&settings) {
-            let frame = develop_film(&weighted, &settings.clone().with_frame(number)).expect("a frame");
-            let sensor = frame.sensor.expect("a sensor");
-            let means = electrons.iter_mut().zip(sensor.electrons.data());
-            means.for_each(|(sum, &e)| *sum += 0.5 * f64::from(e) / f64::from(FRAMES));
-            if let Some(matched) = sensor.matched {
-                shares.push(matched.share);
-                is_held.iter_mut().zip(matched.held.data()).for_each(|(all, held)| *all &= held);
-            }
-            frames.push(sensor.values);
-        }
-    }
-    let camera = camera(&project, ExposureNoise::Plain);
-    let time = camera.exposure.expect("a fixed one").time();
-    let [plain, matched] = frames.map(|frames| -> SampleMoments {
-        let held = (0..electrons.len()).filter(|pixel| is_held[*pixel]);
-        held.map(|pixel| {
-            let values: SampleMoments = frames.iter().map(|frame| f64::from(frame.data()[pixel])).collect();
-            let of_camera = camera.model.temporal_variance(dunkelfeld::radiometry::Electrons(electrons[pixel]), time);
-            values.variance() / (camera.model.spec().system_gain.powi(2) * of_camera)
-        })
-        .collect()
-    });
-    // With all of the noise of the camera, that of the renders is too much.
-    assert!(matched.count() > 200 && matched.standard_error() < 0.02, "{} {shares:?}", matched.count());
-    assert!(plain.mean() > 1.0 + 6.0 * plain.standard_error(), "{}", plain.mean());
-    student_t_test(&matched, 1.0).assert(RATE, "variance of frames with matched noise over that of the camera");
 }

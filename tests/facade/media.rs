@@ -3,14 +3,12 @@
 //! Each scene shows the same radiance in every pixel, so the pixel means are independent samples of one number. The
 //! false-alarm rate of each check is at most `support::RATE`. Replay: `cargo test -p dunkelfeld --test it media::NAME`.
 
-use crate::support::{RATE, black, build, emitter, film, settings, spot_camera, square};
+use crate::support::{Add, RATE, black, build, emitter, film, settings, sky, spot_camera, square};
 use dunkelfeld::film::Film;
 use dunkelfeld::geometry::{DAffine3, DQuat, DVec3, Mesh, Vec3};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::shapes::{cuboid, sphere};
-use dunkelfeld::scene::{
-    Environment, EnvironmentSource, Material, PunctualKind, PunctualLight, Scene, SceneBuilder, Surface, Volume,
-};
+use dunkelfeld::scene::{Material, PunctualKind, PunctualLight, Scene, SceneBuilder, Surface, Volume};
 use dunkelfeld_testkit::{Claim, SampleMoments, z_test};
 use std::f64::consts::PI;
 
@@ -25,10 +23,6 @@ fn scattering(absorption: Rgb, scattering: Rgb, g: f32) -> Volume {
 
 fn absorbing(absorption: f32) -> Volume {
     Volume { absorption: Rgb::splat(absorption), ..Volume::default() }
-}
-
-fn constant_sky(radiance: f32) -> Option<Environment> {
-    Some(Environment { source: EnvironmentSource::Constant(Rgb::splat(radiance)), rotation: 0.0 })
 }
 
 fn cube(half: f32) -> Mesh {
@@ -62,9 +56,12 @@ fn a_matched_slab_transmits_by_beer_and_lambert() {
     let volume = Volume { absorption: Rgb::from_array(sigma), ..Volume::default() };
     for roughness in [0.0, 0.4] {
         let mut b = SceneBuilder::default();
-        let m = b.add_material(Material { roughness, ..body(1.0, volume) });
-        b.add_object("slab", cuboid(Vec3::new(-1.0, -1.0, 0.0), Vec3::new(1.0, 1.0, 0.05)), m);
-        b.environment = constant_sky(2.0);
+        b.add(
+            "slab",
+            cuboid(Vec3::new(-1.0, -1.0, 0.0), Vec3::new(1.0, 1.0, 0.05)),
+            Material { roughness, ..body(1.0, volume) },
+        );
+        b.environment = sky(2.0);
         spot_camera(&mut b, DVec3::Z, DVec3::ZERO, 0.1);
         let scene = build(b);
         for (channel, s) in sigma.into_iter().enumerate() {
@@ -88,11 +85,13 @@ fn light_connects_straight_through_matched_solids() {
     let floor = Material { base_color: Rgb::splat(0.6), specular: 0.0, roughness: 1.0, ..Material::default() };
     let render = |with_cube: bool| {
         let mut b = SceneBuilder::default();
-        let f = b.add_material(floor.clone());
-        b.add_object("floor", square(0.0, 4.0, false), f);
+        b.add("floor", square(0.0, 4.0, false), floor.clone());
         if with_cube {
-            let m = b.add_material(Material { base_color: Rgb::splat(0.64), ..body(1.0, absorbing(7.0)) });
-            b.add_object("cube", cuboid(Vec3::new(-0.1, -0.1, 0.2), Vec3::new(0.1, 0.1, 0.3)), m);
+            b.add(
+                "cube",
+                cuboid(Vec3::new(-0.1, -0.1, 0.2), Vec3::new(0.1, 0.1, 0.3)),
+                Material { base_color: Rgb::splat(0.64), ..body(1.0, absorbing(7.0)) },
+            );
         }
         let kind = PunctualKind::Point { intensity: Rgb::splat(2.0) };
         b.lights.push(PunctualLight { name: "lamp".into(), to_world: DAffine3::from_translation(DVec3::Z), kind });
@@ -122,9 +121,8 @@ fn white_media_in_a_uniform_sky_are_invisible() {
     .enumerate()
     {
         let mut b = SceneBuilder::default();
-        let m = b.add_material(body(ior, scattering(Rgb::BLACK, density, g)));
-        b.add_object("cube", cube(0.02), m);
-        b.environment = constant_sky(1.0);
+        b.add("cube", cube(0.02), body(ior, scattering(Rgb::BLACK, density, g)));
+        b.environment = sky(1.0);
         spot_camera(&mut b, DVec3::new(0.3, 0.2, 1.0), DVec3::ZERO, 0.01);
         let scene = build(b);
         let film = film(&scene, &settings(16, 16, spp, 11));
@@ -143,10 +141,8 @@ fn a_white_medium_in_a_cavity_that_shines_shows_its_walls() {
     walls.triangles.iter_mut().for_each(|t| t.swap(1, 2));
     walls.normals.iter_mut().for_each(|n| *n = -*n);
     let mut b = SceneBuilder::default();
-    let m = b.add_material(body(1.0, scattering(Rgb::BLACK, Rgb::splat(25.0), 0.3)));
-    b.add_object("cube", cube(0.05), m);
-    let wall = b.add_material(emitter(1.0));
-    b.add_object("walls", walls, wall);
+    b.add("cube", cube(0.05), body(1.0, scattering(Rgb::BLACK, Rgb::splat(25.0), 0.3)));
+    b.add("walls", walls, emitter(1.0));
     spot_camera(&mut b, DVec3::new(0.05, 0.02, 0.25), DVec3::ZERO, 0.03);
     check(b, 64.0, 1.0, "cavity");
 }
@@ -160,8 +156,7 @@ fn thin_scattering_is_single_scattering() {
     for g in [0.0, 0.6, -0.6] {
         let mut b = SceneBuilder::default();
         let volume = scattering(Rgb::splat((t - s) as f32), Rgb::splat(s as f32), g as f32);
-        let slab = b.add_material(body(1.0, volume));
-        b.add_object("slab", cuboid(Vec3::new(-3.0, -3.0, -d as f32), Vec3::new(3.0, 3.0, 0.0)), slab);
+        b.add("slab", cuboid(Vec3::new(-3.0, -3.0, -d as f32), Vec3::new(3.0, 3.0, 0.0)), body(1.0, volume));
         let from = DVec3::new((1.0 - m * m).sqrt(), 0.0, m);
         b.lights.push(PunctualLight {
             name: "sun".into(),
@@ -184,9 +179,8 @@ fn thin_scattering_is_single_scattering() {
 #[ignore = "long: .ci/run runs it"]
 fn a_white_sphere_of_three_thousand_free_paths_is_invisible() {
     let mut b = SceneBuilder::default();
-    let m = b.add_material(body(1.0, scattering(Rgb::BLACK, Rgb::splat(3000.0), 0.0)));
-    b.add_object("sphere", sphere(Vec3::ZERO, 0.5, 32, true), m);
-    b.environment = constant_sky(1.0);
+    b.add("sphere", sphere(Vec3::ZERO, 0.5, 32, true), body(1.0, scattering(Rgb::BLACK, Rgb::splat(3000.0), 0.0)));
+    b.environment = sky(1.0);
     spot_camera(&mut b, DVec3::new(0.3, 0.2, 3.0), DVec3::ZERO, 0.25);
     let scene = build(b);
     let film = film(&scene, &settings(16, 16, 32.0, 11));
@@ -207,9 +201,8 @@ fn media_beyond_the_limit_are_refused() {
         (1e5, 3.1e6, false),
     ] {
         let mut b = SceneBuilder::default();
-        let m = b.add_material(body(1.0, scattering(Rgb::splat(absorption), Rgb::splat(density), 0.0)));
-        b.add_object("cube", cube(0.5), m);
-        b.environment = constant_sky(1.0);
+        b.add("cube", cube(0.5), body(1.0, scattering(Rgb::splat(absorption), Rgb::splat(density), 0.0)));
+        b.environment = sky(1.0);
         let built = b.build().map(|_| ()).map_err(|e| e.to_string());
         match &built {
             Ok(()) => assert!(is_built, "{absorption}, {density}"),
@@ -223,9 +216,8 @@ fn the_densest_medium_stays_finite() {
     // A million scatterings per metre. White, and a millimetre thick: 1 again. Grey, and a metre: a number below 1.
     for (half, absorption, spp) in [(5e-4, 0.0, 4.0), (0.5, 1e5, 16.0)] {
         let mut b = SceneBuilder::default();
-        let m = b.add_material(body(1.0, scattering(Rgb::splat(absorption), Rgb::splat(1e6 - absorption), 0.0)));
-        b.add_object("cube", cube(half), m);
-        b.environment = constant_sky(1.0);
+        b.add("cube", cube(half), body(1.0, scattering(Rgb::splat(absorption), Rgb::splat(1e6 - absorption), 0.0)));
+        b.environment = sky(1.0);
         spot_camera(&mut b, DVec3::new(0.0, 0.0, 2.0), DVec3::ZERO, 0.5 * half);
         let scene = build(b);
         if absorption == 0.0 {
@@ -262,11 +254,9 @@ fn through_stack(indices: &[f64], sin: f64) -> f64 {
 fn behind(solids: &[(Mesh, f32, i32)], sin: f64) -> SceneBuilder {
     let mut b = SceneBuilder::default();
     for (k, (mesh, ior, priority)) in solids.iter().enumerate() {
-        let m = b.add_material(body(*ior, Volume { priority: *priority, ..Volume::default() }));
-        b.add_object(&format!("solid {k}"), mesh.clone(), m);
+        b.add(&format!("solid {k}"), mesh.clone(), body(*ior, Volume { priority: *priority, ..Volume::default() }));
     }
-    let light = b.add_material(emitter(1.0));
-    b.add_object("light", square(-0.2, 6.0, false), light);
+    b.add("light", square(-0.2, 6.0, false), emitter(1.0));
     spot_camera(&mut b, DVec3::new(sin, 0.0, (1.0 - sin * sin).sqrt()) * 1.5, DVec3::ZERO, 0.01);
     b
 }
@@ -325,10 +315,9 @@ fn a_camera_inside_a_solid_renders_through_its_medium() {
     let inside = |bodies: &[(f32, f32, f64)], expected: f64, what: &str| {
         let mut b = SceneBuilder::default();
         for &(ior, absorption, half) in bodies {
-            let m = b.add_material(body(ior, absorbing(absorption)));
-            b.add_object("cube", cube(half as f32), m);
+            b.add("cube", cube(half as f32), body(ior, absorbing(absorption)));
         }
-        b.environment = constant_sky(1.0);
+        b.environment = sky(1.0);
         spot_camera(&mut b, DVec3::ZERO, DVec3::new(0.0, 0.0, -1.0), 0.01);
         check(b, 256.0, expected, what);
     };
@@ -347,9 +336,8 @@ fn a_lens_half_inside_a_solid_samples_both_sides_of_its_face() {
     // Parallel rays that start on a film across the face of a matched absorbing body, which they leave 0.1 m further on:
     // half of the pixels are attenuated, half are not.
     let mut b = SceneBuilder::default();
-    let m = b.add_material(body(1.0, absorbing(10.0)));
-    b.add_object("body", cuboid(Vec3::new(0.0, -1.0, -0.1), Vec3::new(1.0, 1.0, 1.0)), m);
-    b.environment = constant_sky(1.0);
+    b.add("body", cuboid(Vec3::new(0.0, -1.0, -0.1), Vec3::new(1.0, 1.0, 1.0)), body(1.0, absorbing(10.0)));
+    b.environment = sky(1.0);
     b.cameras.push(dunkelfeld::scene::Camera {
         name: "across".into(),
         projection: dunkelfeld::scene::Projection::Orthographic { half_width: 0.1, half_height: 0.1 },
@@ -375,8 +363,7 @@ fn a_translucent_sheet_passes_its_share() {
     // at distance d under what is seen: E = I / d^2, L = share colour E / pi. In a uniform sky of 1: share times colour.
     let paper = Material { diffuse_transmission: 0.6, diffuse_transmission_color: Rgb::splat(0.5), ..black() };
     let mut b = SceneBuilder::default();
-    let m = b.add_material(paper.clone());
-    b.add_object("sheet", square(0.0, 1.0, false), m);
+    b.add("sheet", square(0.0, 1.0, false), paper.clone());
     let kind = PunctualKind::Point { intensity: Rgb::splat(2.0) };
     let below = DAffine3::from_translation(DVec3::new(0.0, 0.0, -0.5));
     b.lights.push(PunctualLight { name: "lamp".into(), to_world: below, kind });
@@ -384,9 +371,8 @@ fn a_translucent_sheet_passes_its_share() {
     let lit = channel_moments(&build(b), 4.0, 11, 1).mean();
     assert!((lit / (0.3 * 2.0 / 0.25 / PI) - 1.0).abs() < 1e-4, "{lit}");
     let mut b = SceneBuilder::default();
-    let m = b.add_material(paper);
-    b.add_object("sheet", square(0.0, 1.0, false), m);
-    b.environment = constant_sky(1.0);
+    b.add("sheet", square(0.0, 1.0, false), paper);
+    b.environment = sky(1.0);
     spot_camera(&mut b, DVec3::new(0.5, 0.2, 1.0), DVec3::ZERO, 0.1);
     check(b, 64.0, 0.3, "uniform sky");
 }

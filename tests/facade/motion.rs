@@ -3,15 +3,14 @@
 //! The objects of most tests are black before an environment of radiance 1, so that the mean of a pixel is the share of
 //! its area and of the exposure that is not covered. Replay: `cargo test -p dunkelfeld --test it motion::NAME`.
 
-use crate::support::{RATE, black, build, emitter, film, settings, square};
+use crate::support::{RATE, black, build, emitter, film, settings, sky, square};
 use dunkelfeld::Project;
 use dunkelfeld::film::Film;
 use dunkelfeld::geometry::{DAffine3, DVec3, Mesh, RigidMotion, Vec3};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::shapes::{cuboid, rectangle, sphere};
 use dunkelfeld::scene::{
-    Camera, Effect, Environment, EnvironmentSource, LineScan, Material, Projection, Scene, SceneBuilder, Shutter,
-    Surface, Volume, look_at,
+    Camera, Effect, LineScan, Material, Projection, Scene, SceneBuilder, Shutter, Surface, Volume, look_at,
 };
 use dunkelfeld::trace::{Estimator, PixelSample};
 use dunkelfeld_testkit::{ImageEstimate, ImageTest, SampleMoments, student_t_test, welch_test};
@@ -25,7 +24,7 @@ const PIXEL: f64 = 1e-3;
 fn bright(width: u32, height: u32) -> SceneBuilder {
     let half = |n: u32| (0.5 * f64::from(n) * PIXEL) as f32;
     SceneBuilder {
-        environment: Some(Environment { source: EnvironmentSource::Constant(Rgb::WHITE), rotation: 0.0 }),
+        environment: sky(1.0),
         cameras: vec![Camera {
             name: "above".into(),
             to_world: look_at(DVec3::Z, DVec3::ZERO, DVec3::Y),
@@ -419,45 +418,30 @@ fn lights_that_move_and_wrong_shutters_are_refused() {
     }
 }
 
-/// A job with a square of 20 mm that lies in the plane y = 0 under a telecentric camera from above: 20 rows of 1 mm.
-fn open(job: &str) -> Result<Project, dunkelfeld::Error> {
-    let folder = tempfile::TempDir::new().expect("a temporary folder");
-    let gltf = r#"{
-      "asset": { "version": "2.0" }, "scene": 0, "scenes": [{ "nodes": [0] }],
-      "nodes": [{ "name": "top", "camera": 0, "translation": [0, 1, 0], "rotation": [-0.70710678, 0, 0, 0.70710678] }],
-      "cameras": [{ "type": "orthographic", "orthographic": { "xmag": 0.01, "ymag": 0.01, "zfar": 9, "znear": 0.01 } }]
-    }"#;
-    // An OBJ has no camera, and a glTF file needs a buffer for a mesh: the mesh is in a data URI.
-    let positions: Vec<u8> =
-        [-0.01f32, 0.0, 0.01, 0.01, 0.0, 0.01, 0.0, 0.0, -0.01].iter().flat_map(|v| v.to_le_bytes()).collect();
-    std::fs::write(folder.path().join("part.bin"), positions).expect("writable");
-    let mesh = r#""buffers": [{ "uri": "part.bin", "byteLength": 36 }], "bufferViews": [{ "buffer": 0, "byteLength": 36 }],
-      "accessors": [{ "bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [-0.01, 0, -0.01], "max": [0.01, 0, 0.01] }],
-      "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0 }, "material": 0 }] }],
-      "materials": [{ "name": "paint", "pbrMetallicRoughness": { "metallicFactor": 0 } }],"#;
-    let gltf = gltf.replace("\"nodes\": [0]", "\"nodes\": [0, 1]");
-    let gltf = gltf.replace("\"cameras\":", &format!("{mesh} \"cameras\":"));
-    let gltf = gltf.replace("0.70710678] }],", "0.70710678] }, { \"name\": \"part\", \"mesh\": 0 }],");
-    std::fs::write(folder.path().join("part.gltf"), gltf).expect("writable");
-    let path = folder.path().join("job.toml");
-    let text = format!("scene = \"part.gltf\"\n[film]\nwidth = 20\nheight = 20\n[environment]\nradiance = 1\n{job}");
-    std::fs::write(&path, text).expect("writable");
-    Project::open(path)
+/// A job with a plate in the plane y = 0 under a telecentric camera from above: 20 rows of 1 mm. `motion` are keys of the plate.
+fn open(tables: &str, motion: &str) -> Result<Project, dunkelfeld::Error> {
+    let text = format!(
+        "scene = \"none\"\nfilm = {{ width = 20, height = 20 }}\nenvironment = {{ radiance = 1 }}\n\
+         camera = {{ position = [0, 1, 0], look_at = [0, 0, 0], up = [0, 0, -1] }}\n\
+         lens = {{ projection = \"telecentric\", field_height = \"20mm\" }}\n{tables}\
+         [[object]]\nname = \"part\"\nkind = \"box\"\nsize = [\"20mm\", \"1mm\", \"20mm\"]\n{motion}"
+    );
+    Project::from_text("job.toml", &text)
 }
 
-const MOVING: &str = "[[object]]\nname = \"part\"\nvelocity = [0, 0, \"-10m/s\"]\n";
+const MOVING: &str = "velocity = [0, 0, \"-10m/s\"]\n";
 
 #[test]
 fn a_job_moves_objects_and_scans_lines() {
-    let still = open("").expect("a job");
+    let still = open("", "").expect("a job");
     assert!(still.scene.shutter().is_none() && still.findings().hazards().next().is_none(), "{:?}", still.report);
-    let moving = open(&format!("[sensor]\nexposure = \"100us\"\n{MOVING}")).expect("a job");
+    let moving = open("[sensor]\nexposure = \"100us\"\n", MOVING).expect("a job");
     assert_eq!(moving.scene.shutter(), Some(&Shutter::Frame { exposure: 100.0 * 1e-6 }));
     assert!(moving.scene.effects().has(Effect::Motion) && moving.findings().hazards().next().is_none());
     moving.fitted().expect("the exposure is that of the shutter");
     // 10 m/s are 10 000 rows of 1 mm a second, up in the image.
     let lines = "[line_scan]\nline_rate = \"10kHz\"\ntdi_stages = 4\n";
-    let mut scan = open(&format!("[sensor]\nexposure = 1e-5\n{lines}{MOVING}")).expect("a job");
+    let mut scan = open(&format!("[sensor]\nexposure = 1e-5\n{lines}"), MOVING).expect("a job");
     assert!(scan.findings().hazards().next().is_none(), "{:?}", scan.report);
     assert!(scan.scene.effects().has(Effect::LineScan) && scan.inspect().hazards.is_empty());
     let dunkelfeld::SensorChoice::Emva { exposure: Some(exposure), .. } = scan.fitted().expect("valid").sensor else {
@@ -467,21 +451,20 @@ fn a_job_moves_objects_and_scans_lines() {
     scan.settings.height = 30;
     assert!(scan.fitted().expect_err("another film").to_string().contains("20 rows"));
     // Hazards: too slow a line rate, the wrong direction, nothing that moves, motion beyond the film.
-    for (job, part) in [
-        (format!("[sensor]\nexposure = 2e-5\n[line_scan]\nline_rate = \"8kHz\"\n{MOVING}"), "\"10000Hz\""),
-        (format!("[sensor]\nexposure = 2e-5\n{lines}{}", MOVING.replace('-', "")), "upside down"),
-        (format!("[sensor]\nexposure = 2e-5\n{lines}"), "no object moves"),
-        (format!("[sensor]\nexposure = \"1s\"\n{MOVING}"), "times the film"),
-        (
-            "[sensor]\nexposure = \"1s\"\n[[object]]\nname = \"part\"\nrotation = { axis = [0, 1, 0], speed = \"2turn/s\" }\n"
-                .into(),
-            "turns 2.0 times",
-        ),
+    let backward = MOVING.replace('-', "");
+    let turning = "rotation = { axis = [0, 1, 0], speed = \"2turn/s\" }\n";
+    let slow = "[line_scan]\nline_rate = \"8kHz\"\n";
+    for (exposure, lines, motion, part) in [
+        ("2e-5", slow, MOVING, "\"10000Hz\""),
+        ("2e-5", lines, &backward, "upside down"),
+        ("2e-5", lines, "", "no object moves"),
+        ("\"1s\"", "", MOVING, "times the film"),
+        ("\"1s\"", "", turning, "turns 2.0 times"),
     ] {
-        let project = open(&job).expect("a job");
+        let project = open(&format!("[sensor]\nexposure = {exposure}\n{lines}"), motion).expect("a job");
         let hazards: Vec<String> = project.findings().hazards().map(|h| h.message.clone()).collect();
-        assert!(hazards.iter().any(|h| h.contains(part)), "{job}: {hazards:?}");
+        assert!(hazards.iter().any(|h| h.contains(part)), "{part}: {hazards:?}");
     }
-    let error = open(MOVING).expect_err("automatic exposure").to_string();
+    let error = open("", MOVING).expect_err("automatic exposure").to_string();
     assert!(error.contains("automatic") && error.contains("help"), "{error}");
 }

@@ -52,6 +52,13 @@ fn open(folder: &TempDir, name: &str, text: &str) -> Project {
     Project::open(path).unwrap_or_else(|e| panic!("{text}\n{e}"))
 }
 
+/// With small plates.
+fn folder() -> TempDir {
+    let folder = TempDir::new().expect("a temporary folder");
+    write_scene(folder.path(), 4);
+    folder
+}
+
 fn film(project: &Project) -> Film {
     project.render().expect("rendered").rendering.film.sums
 }
@@ -81,12 +88,19 @@ fn fresh(overrides: &str) -> String {
     }
 }
 
-fn overrides_have_the_bits_of_a_fresh_load(n: usize) {
+/// Also of more triangles than share a tree.
+#[test]
+fn overrides_have_the_bits_of_a_fresh_load() {
+    with_the_bits_of_a_fresh_load(12, &CHANGES);
+    with_the_bits_of_a_fresh_load(212, &[CHANGES[0], CHANGES[2], CHANGES[7]]);
+}
+
+fn with_the_bits_of_a_fresh_load(n: usize, changes: &[&str]) {
     let folder = TempDir::new().expect("a temporary folder");
     write_scene(folder.path(), n);
     let mut project = open(&folder, "job.toml", JOB);
     let before = film(&project);
-    for overrides in CHANGES {
+    for overrides in changes {
         project.set_overrides(overrides).unwrap_or_else(|e| panic!("{overrides}\n{e}"));
         let loaded = open(&folder, "fresh.toml", &fresh(overrides));
         assert_eq!(format!("{:?}", project.settings), format!("{:?}", loaded.settings), "{overrides}");
@@ -100,20 +114,8 @@ fn overrides_have_the_bits_of_a_fresh_load(n: usize) {
 }
 
 #[test]
-fn overrides_of_a_small_scene_have_the_bits_of_a_fresh_load() {
-    overrides_have_the_bits_of_a_fresh_load(12);
-}
-
-/// More triangles than share a tree.
-#[test]
-fn overrides_of_a_large_scene_have_the_bits_of_a_fresh_load() {
-    overrides_have_the_bits_of_a_fresh_load(212);
-}
-
-#[test]
 fn overrides_that_fail_leave_the_project_as_it_was() {
-    let folder = TempDir::new().expect("a temporary folder");
-    write_scene(folder.path(), 4);
+    let folder = folder();
     let mut project = open(&folder, "job.toml", JOB);
     project.set_overrides(CHANGES[0]).expect("a change");
     let before = (film(&project), format!("{:?}", project.settings));
@@ -137,8 +139,7 @@ fn overrides_that_fail_leave_the_project_as_it_was() {
 
 #[test]
 fn a_scene_file_without_a_job_takes_overrides() {
-    let folder = TempDir::new().expect("a temporary folder");
-    write_scene(folder.path(), 4);
+    let folder = folder();
     let mut project = Project::open(folder.path().join("scene.obj")).expect("a scene");
     let overrides = "film = { width = 20, height = 15 }\nenvironment = { radiance = 1 }\nbudget.spp = 2\n";
     project.set_overrides(overrides).expect("overrides");
@@ -183,8 +184,7 @@ fn gain_temperature_and_black_level_of_a_job_change_its_sensor() {
 
 #[test]
 fn a_given_sensor_has_the_lens_and_the_exposure_of_the_job() {
-    let folder = TempDir::new().expect("a temporary folder");
-    write_scene(folder.path(), 4);
+    let folder = folder();
     let mut project = open(&folder, "job.toml", JOB);
     let sensor = GivenSensor { model: dunkelfeld::find_sensor("imx174").expect("a preset"), file: None };
     let keys = "lens.f_number = 8\nsensor.exposure = '3ms'";
@@ -199,8 +199,7 @@ fn a_given_sensor_has_the_lens_and_the_exposure_of_the_job() {
 /// A render begins its clock itself: the time between `open` and `render` does not count.
 #[test]
 fn each_render_has_its_own_clock() {
-    let folder = TempDir::new().expect("a temporary folder");
-    write_scene(folder.path(), 4);
+    let folder = folder();
     let mut project = open(&folder, "job.toml", JOB);
     project.settings.budget.seconds = Some(30.0);
     for _ in 0..2 {
@@ -213,22 +212,6 @@ fn each_render_has_its_own_clock() {
     }
 }
 
-#[test]
-fn a_render_writes_no_file() {
-    let folder = TempDir::new().expect("a temporary folder");
-    write_scene(folder.path(), 4);
-    let mut project = open(&folder, "job.toml", JOB);
-    let out = folder.path().join("out");
-    fs::create_dir(&out).expect("a folder");
-    project.outputs =
-        OutputPaths::default().with_image(out.join("a.png")).with_exr(out.join("a.exr")).with_stats(out.join("a.json"));
-    project.settings.budget.spp = Some(40.0);
-    let mut result = project.render().expect("rendered");
-    assert_eq!(fs::read_dir(&out).expect("a folder").count(), 0);
-    result.save(&project.outputs).expect("saved");
-    assert_eq!(fs::read_dir(&out).expect("a folder").count(), 3);
-}
-
 fn render(project: &mut Project, options: RenderOptions) -> SavedFilm {
     let result = project.render_options(options, &Silent, &Cancel::new()).expect("rendered");
     result.into_saved_film()
@@ -237,8 +220,7 @@ fn render(project: &mut Project, options: RenderOptions) -> SavedFilm {
 /// The options of a render have the bits of the same settings, and the settings stay as they were, also after an error.
 #[test]
 fn options_belong_to_one_render() {
-    let folder = TempDir::new().expect("a temporary folder");
-    write_scene(folder.path(), 4);
+    let folder = folder();
     let mut project = open(&folder, "job.toml", JOB);
     let before = format!("{:?}", project.settings);
     let keys = "film.width = 20\nbudget.spp = 3\nseed = 9\nsensor.model = 'none'\n";
@@ -266,8 +248,7 @@ fn options_belong_to_one_render() {
 /// are applied stay, and those that are refused change nothing.
 #[test]
 fn a_replay_belongs_to_one_render_and_applied_options_stay() {
-    let folder = TempDir::new().expect("a temporary folder");
-    write_scene(folder.path(), 4);
+    let folder = folder();
     let mut project = open(&folder, "job.toml", JOB);
     let whole = film(&project);
     let options = RenderOptions::default().with_keys("budget.spp = 7\nseed = 5\n");
@@ -302,8 +283,7 @@ fn a_replay_belongs_to_one_render_and_applied_options_stay() {
 /// With `full` in the job the film has the resolution of the sensor of the options, for this render only.
 #[test]
 fn a_sensor_of_the_options_resizes_a_full_film() {
-    let folder = TempDir::new().expect("a temporary folder");
-    write_scene(folder.path(), 4);
+    let folder = folder();
     let sheet = "name = \"small\"\nsource = \"made up\"\nbit_depth = 12\npixel_pitch_um = 3.45\nfull_well_e = 10000\n\
         dark_noise_e = 2\ngain_e_per_dn = 2.5\noffset_dn = 30\nquantum_efficiency = [[400, 0.4], [550, 0.7], [850, 0.2]]\n";
     for (name, size) in [("a", "[24, 16]"), ("b", "[10, 12]")] {
@@ -321,8 +301,7 @@ fn a_sensor_of_the_options_resizes_a_full_film() {
 
 #[test]
 fn a_film_is_exposed_with_options() {
-    let folder = TempDir::new().expect("a temporary folder");
-    write_scene(folder.path(), 4);
+    let folder = folder();
     let mut project = open(&folder, "job.toml", JOB);
     let saved = render(&mut project, RenderOptions::default());
     let frames = expose_film(&saved, &ExposeOptions::default(), 2, &Cancel::new()).expect("frames");
@@ -345,8 +324,7 @@ fn a_film_is_exposed_with_options() {
 /// render.
 #[test]
 fn files_of_a_coaxial_station_have_its_beam_splitter() {
-    let folder = TempDir::new().expect("a temporary folder");
-    write_scene(folder.path(), 4);
+    let folder = folder();
     let coaxial = "sensor = { exposure = \"2ms\" }\n[[light]]\nkind = \"coaxial\"\nwidth = \"80mm\"\ndistance = \"120mm\"\n\
                    radiance = 5000\nsplitter = 0.3\n";
     let mut project = open(&folder, "job.toml", &JOB.replace("environment = { radiance = 1 }\n", coaxial));

@@ -3,14 +3,15 @@
 //! Each scene shows the same radiance in every pixel, so the pixel means are independent samples of one number. The
 //! false-alarm rate of each check is that of a `testkit::Claim`, 1.4e-13. Replay: `cargo test -p dunkelfeld --test it transport::NAME`.
 
-use crate::support::{black, build, emitter, film, pixel_moments, settings, spot_camera, square};
-use dunkelfeld::geometry::{DAffine3, DQuat, DVec3, LocalDir, Vec3};
+use crate::support::{
+    Add, absorbing, black, build, emitter, f_cos, film, floor, integrate, lit_by_panel, plastic_bsdf, settings, sky,
+    spot_camera, square, view,
+};
+use dunkelfeld::geometry::{DAffine3, DVec3, Vec3};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::shapes::{cuboid, rectangle};
-use dunkelfeld::scene::{
-    AlphaMode, Environment, EnvironmentSource, Material, PunctualKind, PunctualLight, SceneBuilder, Surface, Volume,
-};
-use dunkelfeld_bsdf::{Bsdf, Principled, PrincipledParams};
+use dunkelfeld::scene::{AlphaMode, Material, PunctualKind, PunctualLight, SceneBuilder};
+use dunkelfeld_bsdf::Bsdf;
 use std::f64::consts::PI;
 
 /// Renders a 16 x 16 image and compares its mean with the expectation.
@@ -18,60 +19,22 @@ fn check(builder: SceneBuilder, spp: f64, expected: f64, what: &str) {
     crate::support::must_be(&build(builder), spp, 7, 1, expected, what);
 }
 
-/// A rough grey plastic, as a material and as its BSDF.
-fn plastic() -> (Material, Bsdf) {
-    let material = Material { base_color: Rgb::splat(0.6), roughness: 0.4, ..Material::default() };
-    let params = PrincipledParams { base_color: Rgb::splat(0.6), roughness: 0.4, eta: 1.5, ..Default::default() };
-    (material, Bsdf::Principled(Principled::new(&params)))
-}
-
-/// `f cos` of a BSDF in a frame whose normal is +z, green channel.
-fn f_cos(bsdf: &Bsdf, wo: DVec3, wi: DVec3) -> f64 {
-    let local = |d: DVec3| LocalDir(d.as_vec3());
-    f64::from(bsdf.eval_pdf(local(wo), local(wi)).0.g)
-}
-
-/// Midpoint rule on the unit square.
-fn integrate(n: usize, f: impl Fn(f64, f64) -> f64) -> f64 {
-    let at = |i: usize| (i as f64 + 0.5) / n as f64;
-    (0..n * n).map(|k| f(at(k % n), at(k / n))).sum::<f64>() / (n * n) as f64
-}
-
 /// The plastic floor seen from above at an angle, with nothing else.
 fn floor_scene() -> (SceneBuilder, Bsdf, DVec3) {
-    let mut b = SceneBuilder::default();
-    let (material, bsdf) = plastic();
-    let floor = b.add_material(material);
-    b.add_object("floor", square(0.0, 1.0, false), floor);
-    let eye = DVec3::new(1.0, 0.6, 1.0);
-    spot_camera(&mut b, eye * 4.0, DVec3::ZERO, 1e-4);
-    (b, bsdf, eye.normalize())
+    let mut b = floor(1.0);
+    spot_camera(&mut b, view() * 4.0, DVec3::ZERO, 1e-4);
+    (b, plastic_bsdf(), view())
 }
 
 #[test]
 fn an_emitter_shows_its_radiance_on_the_front_only() {
     for (turned, expected) in [(false, 3.0), (true, 0.0)] {
         let mut b = SceneBuilder::default();
-        let m = b.add_material(emitter(3.0));
-        b.add_object("light", square(0.0, 1.0, turned), m);
+        b.add("light", square(0.0, 1.0, turned), emitter(3.0));
         spot_camera(&mut b, DVec3::Z, DVec3::ZERO, 0.1);
         let film = film(&build(b), &settings(8, 8, 4.0, 1));
         assert!(film.mean().data().iter().all(|p| *p == [expected; 3]));
     }
-}
-
-#[test]
-fn a_rectangle_light_over_a_plastic_floor() {
-    // L = integral over the light's area of f cos_i Le cos_l / d^2, by quadrature; the light is 0.4 m wide at 0.5 m.
-    let (mut b, bsdf, wo) = floor_scene();
-    let m = b.add_material(emitter(5.0));
-    b.add_object("light", square(0.5, 0.4, true), m);
-    let expected = integrate(400, |u, v| {
-        let p = DVec3::new((u - 0.5) * 0.4, (v - 0.5) * 0.4, 0.5);
-        let (d2, wi) = (p.length_squared(), p.normalize());
-        0.16 * 5.0 * wi.z / d2 * f_cos(&bsdf, wo, wi)
-    });
-    check(b, 256.0, expected, "rectangle light");
 }
 
 #[test]
@@ -88,42 +51,9 @@ fn a_single_triangle_light_and_a_two_sided_one() {
             let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
             let p = corners[0] + u * (corners[1] - corners[0]) + v * (corners[2] - corners[0]);
             let (d2, wi) = (p.length_squared(), p.normalize());
-            0.08 * 5.0 * wi.z / d2 * f_cos(&bsdf, wo, wi)
+            0.08 * 5.0 * wi.z / d2 * f_cos(&bsdf, DVec3::Z, wo, wi)
         });
         check(b, 256.0, expected, &format!("triangle light, double-sided {double_sided}"));
-    }
-}
-
-#[test]
-fn punctual_lights() {
-    // Point and spot: L = f cos I / d^2. Directional: L = f cos E.
-    let position = DVec3::new(-0.2, 0.3, 0.6);
-    let wi = position.normalize();
-    let i = Rgb::splat(2.0);
-    let d2 = position.length_squared();
-    // The spot's axis passes the floor at half its cone: cos = between inner and outer, ramp squared.
-    let (inner, outer) = (0.1f32, 0.5f32);
-    let axis = DQuat::from_axis_angle(wi.any_orthonormal_vector(), 0.3) * -wi;
-    let ramp = (0.3f64.cos() - f64::from(outer).cos()) / (f64::from(inner).cos() - f64::from(outer).cos());
-    let toward = |d: DVec3| DAffine3::from_quat(DQuat::from_rotation_arc(DVec3::NEG_Z, d));
-    let cases = [
-        ("point", PunctualKind::Point { intensity: i }, DAffine3::from_translation(position), 2.0 / d2),
-        (
-            "spot",
-            PunctualKind::Spot { intensity: i, inner, outer },
-            DAffine3::from_translation(position) * toward(axis),
-            2.0 / d2 * ramp * ramp,
-        ),
-        ("directional", PunctualKind::Directional { irradiance: i }, toward(-wi), 2.0),
-    ];
-    for (name, kind, to_world, irradiance) in cases {
-        let (mut b, bsdf, wo) = floor_scene();
-        b.lights.push(PunctualLight { name: name.into(), to_world, kind });
-        let film = film(&build(b), &settings(4, 4, 4.0, 3));
-        let expected = irradiance * f_cos(&bsdf, wo, wi);
-        let mean = pixel_moments(&film).mean();
-        // Nothing random is left but the place in a pixel of 25 um at a distance of 0.7 m.
-        assert!((mean / expected - 1.0).abs() < 1e-3, "{name}: {mean}, expected {expected}");
     }
 }
 
@@ -147,11 +77,7 @@ fn panels_in_a_ring_sampled_one_by_one_and_by_a_tree() {
             let normal = v.cross(u).normalize();
             assert!(normal.dot(center) < 0.0, "the front faces the floor");
             b.add_object("panel", mesh, m);
-            expected += integrate(60, |s, t| {
-                let p = center + (s - 0.5) * u + (t - 0.5) * v;
-                let (d2, wi) = (p.length_squared(), p.normalize());
-                v.cross(u).length() * radiance * -wi.dot(normal) / d2 * f_cos(&bsdf, wo, wi)
-            });
+            expected += lit_by_panel(wo, center - 0.5 * (u + v), u, v, radiance, 60);
         }
         let position = DVec3::new(0.05, -0.1, 0.6);
         b.lights.push(PunctualLight {
@@ -159,7 +85,7 @@ fn panels_in_a_ring_sampled_one_by_one_and_by_a_tree() {
             to_world: DAffine3::from_translation(position),
             kind: PunctualKind::Point { intensity: Rgb::splat(0.1) },
         });
-        expected += 0.1 / position.length_squared() * f_cos(&bsdf, wo, position.normalize());
+        expected += 0.1 / position.length_squared() * f_cos(&bsdf, DVec3::Z, wo, position.normalize());
         check(b, 256.0, expected, &format!("{count} panels"));
     }
 }
@@ -168,14 +94,14 @@ fn panels_in_a_ring_sampled_one_by_one_and_by_a_tree() {
 fn a_floor_under_a_constant_sky() {
     // L = Le times the directional albedo: integral of f cos over the hemisphere, by quadrature.
     let (mut b, bsdf, wo) = floor_scene();
-    b.environment = Some(Environment { source: EnvironmentSource::Constant(Rgb::splat(1.5)), rotation: 0.0 });
+    b.environment = sky(1.5);
     let expected = 1.5
         * 2.0
         * PI
         * integrate(600, |u, v| {
             let (z, phi) = (u, 2.0 * PI * v);
             let r = (1.0 - z * z).sqrt();
-            f_cos(&bsdf, wo, DVec3::new(r * phi.cos(), r * phi.sin(), z))
+            f_cos(&bsdf, DVec3::Z, wo, DVec3::new(r * phi.cos(), r * phi.sin(), z))
         });
     check(b, 256.0, expected, "constant sky");
 }
@@ -186,21 +112,12 @@ fn a_clear_slab_in_front_of_an_emitter() {
     // T = (1-R)^2 a / (1 - R^2 a^2). What is reflected back to the black camera side is lost; the emitter is black.
     let (ior, thickness, color, distance) = (1.49f64, 0.004f64, 0.5f64, 0.01f64);
     let mut b = SceneBuilder::default();
-    let volume = Volume {
-        attenuation_color: Rgb::splat(color as f32),
-        attenuation_distance: distance as f32,
-        ..Volume::default()
-    };
-    let pmma = b.add_material(Material {
-        ior: ior as f32,
-        roughness: 0.0,
-        transmission: 1.0,
-        surface: Surface::Solid(volume),
-        ..Material::default()
-    });
-    b.add_object("slab", cuboid(Vec3::new(-0.1, -0.1, 0.0), Vec3::new(0.1, 0.1, thickness as f32)), pmma);
-    let light = b.add_material(emitter(2.0));
-    b.add_object("light", square(-0.05, 0.5, false), light);
+    b.add(
+        "slab",
+        cuboid(Vec3::new(-0.1, -0.1, 0.0), Vec3::new(0.1, 0.1, thickness as f32)),
+        absorbing(ior as f32, color as f32, distance as f32),
+    );
+    b.add("light", square(-0.05, 0.5, false), emitter(2.0));
     spot_camera(&mut b, DVec3::Z, DVec3::ZERO, 0.01);
     let r = ((ior - 1.0) / (ior + 1.0)).powi(2);
     let a = (color.ln() * thickness / distance).exp();
@@ -209,48 +126,27 @@ fn a_clear_slab_in_front_of_an_emitter() {
 }
 
 #[test]
-fn a_thin_sheet_passes_what_its_two_faces_leave() {
-    // R' = 2R/(1+R), T' = 1 - R' times the tint; the sheet stands in front of an emitter.
-    let mut b = SceneBuilder::default();
-    let sheet = b.add_material(Material {
-        base_color: Rgb::splat(0.8),
-        roughness: 0.0,
-        transmission: 1.0,
-        ..Material::default()
-    });
-    b.add_object("sheet", square(0.1, 0.5, false), sheet);
-    let light = b.add_material(emitter(2.0));
-    b.add_object("light", square(0.0, 0.5, false), light);
-    spot_camera(&mut b, DVec3::Z, DVec3::ZERO, 0.01);
-    check(b, 1024.0, 2.0 * 0.8 * (1.0 - 2.0 * 0.04 / 1.04), "thin sheet");
-}
-
-#[test]
 fn coverage_lets_light_pass_straight_and_in_shadows() {
     // A black sheet of coverage 0.3 between light and floor, and another between floor and camera: the light is
     // multiplied by 0.7 twice.
-    let (mut b, bsdf, wo) = floor_scene();
-    let m = b.add_material(emitter(5.0));
-    b.add_object("light", square(0.5, 0.2, true), m);
+    let (mut b, _, wo) = floor_scene();
+    b.add("light", square(0.5, 0.2, true), emitter(5.0));
     let veil = b.add_material(Material { alpha: 0.3, alpha_mode: AlphaMode::Blend, ..black() });
     b.add_object("veil", square(0.45, 0.6, false), veil);
     b.add_object("lens cap", square(1.5, 6.0, false), veil);
-    let cutout = b.add_material(Material { alpha: 0.4, alpha_mode: AlphaMode::Mask { cutoff: 0.5 }, ..black() });
-    b.add_object("cut out", square(0.3, 1.0, false), cutout);
-    let expected = 0.7
-        * 0.7
-        * integrate(300, |u, v| {
-            let p = DVec3::new((u - 0.5) * 0.2, (v - 0.5) * 0.2, 0.5);
-            let (d2, wi) = (p.length_squared(), p.normalize());
-            0.04 * 5.0 * wi.z / d2 * f_cos(&bsdf, wo, wi)
-        });
+    b.add(
+        "cut out",
+        square(0.3, 1.0, false),
+        Material { alpha: 0.4, alpha_mode: AlphaMode::Mask { cutoff: 0.5 }, ..black() },
+    );
+    let expected = 0.7 * 0.7 * lit_by_panel(wo, DVec3::new(-0.1, -0.1, 0.5), DVec3::X * 0.2, DVec3::Y * 0.2, 5.0, 300);
     check(b, 1024.0, expected, "coverage");
 }
 
 #[test]
 fn instances_shine_and_reflect_like_copies() {
     // The rectangle light, once baked, once as an instance under a mirroring, uneven transform that gives the same shape.
-    let (mut b, bsdf, wo) = floor_scene();
+    let (mut b, _, wo) = floor_scene();
     let m = b.add_material(emitter(5.0));
     let mut mesh = square(0.25, 0.1, true);
     // Enough triangles that copies stay instances: a fan of tiny squares far below the floor belongs to the mesh.
@@ -266,11 +162,7 @@ fn instances_shine_and_reflect_like_copies() {
     let mut again = b.instances[1].clone();
     again.to_world = DAffine3::from_translation(DVec3::new(0.0, 0.0, -50.0));
     b.instances.push(again);
-    let expected = integrate(400, |u, v| {
-        let p = DVec3::new((u - 0.5) * 0.4, (v - 0.5) * 0.4, 0.5);
-        let (d2, wi) = (p.length_squared(), p.normalize());
-        0.16 * 5.0 * wi.z / d2 * f_cos(&bsdf, wo, wi)
-    });
+    let expected = lit_by_panel(wo, DVec3::new(-0.2, -0.2, 0.5), DVec3::X * 0.4, DVec3::Y * 0.4, 5.0, 400);
     let scene = build(b);
     assert_eq!(scene.summary().instanced_parts, 2, "the meshes must stay instanced for this test to mean anything");
     crate::support::must_be(&scene, 512.0, 7, 1, expected, "instanced light");

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 /// message.
 ///
 /// Never fails: if the file cannot be written, the sentence contains that.
-pub fn write_csv(name: &str, header: &str, rows: impl IntoIterator<Item = Vec<f64>>) -> String {
+pub(crate) fn write_csv(name: &str, header: &str, rows: impl IntoIterator<Item = Vec<f64>>) -> String {
     let mut text = format!("{header}\n");
     for row in rows {
         let cells: Vec<String> = row.iter().map(f64::to_string).collect();
@@ -21,7 +21,7 @@ pub fn write_csv(name: &str, header: &str, rows: impl IntoIterator<Item = Vec<f6
 /// sentence that names the file.
 ///
 /// `values` are row by row from the top; missing ones, negative ones and NaN are black.
-pub fn write_pgm(name: &str, width: usize, height: usize, values: &[f64]) -> String {
+pub(crate) fn write_pgm(name: &str, width: usize, height: usize, values: &[f64]) -> String {
     let white = values.iter().copied().filter(|v| v.is_finite()).fold(f64::MIN_POSITIVE, f64::max);
     let mut bytes = format!("P5\n{width} {height}\n255\n").into_bytes();
     let grey = |i: usize| (values.get(i).copied().unwrap_or(0.0) / white * 255.0).round().clamp(0.0, 255.0) as u8;

@@ -1,6 +1,7 @@
 //! Does a sampler follow the density it claims? One harness for everything that maps to a square or to the sphere.
 
-use crate::{Outcome, chi_squared, write_csv};
+use crate::artefact::write_csv;
+use crate::{Outcome, chi_squared};
 use std::f64::consts::{PI, TAU};
 
 /// A chi-squared test of a sampler against its density over a grid of cells.

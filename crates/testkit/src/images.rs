@@ -1,6 +1,7 @@
 //! Are two images the same but for noise?
 
-use crate::{Outcome, write_csv, write_pgm};
+use crate::Outcome;
+use crate::artefact::{write_csv, write_pgm};
 use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 use statrs::function::beta::beta_reg;
 

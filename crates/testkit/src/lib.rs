@@ -17,7 +17,6 @@ mod outcome;
 mod sampler;
 mod sequential_test;
 
-pub use artefact::{write_csv, write_pgm};
 pub use chi_squared::chi_squared;
 pub use compare::{student_t_test, welch_test, z_test};
 pub use density::{DensityTest, direction_to_square, integrate_square, square_to_direction};

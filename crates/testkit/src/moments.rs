@@ -1,6 +1,6 @@
 //! Mean and variance in one pass.
 
-/// Count, mean and spread of a sample, updated value by value (Welford 1962) or merged (Chan, Golub and LeVeque 1979).
+/// Count, mean and spread of a sample, updated value by value (Welford 1962).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SampleMoments {
     count: u64,
@@ -15,20 +15,6 @@ impl SampleMoments {
         let delta = x - self.mean;
         self.mean += delta / self.count as f64;
         self.sum_of_squares += delta * (x - self.mean);
-    }
-
-    /// The moments of both samples together.
-    pub fn merge(self, other: Self) -> Self {
-        if self.count == 0 || other.count == 0 {
-            return if self.count == 0 { other } else { self };
-        }
-        let (n, m) = (self.count as f64, other.count as f64);
-        let delta = other.mean - self.mean;
-        Self {
-            count: self.count + other.count,
-            mean: self.mean + delta * m / (n + m),
-            sum_of_squares: self.sum_of_squares + other.sum_of_squares + delta * delta * n * m / (n + m),
-        }
     }
 
     /// Number of values.

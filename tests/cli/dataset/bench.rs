@@ -1,5 +1,6 @@
 //! A small study in a folder of its own, and the program with it.
 
+use crate::bench::PROGRAM;
 use assert_cmd::Command;
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -7,8 +8,6 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use tempfile::TempDir;
-
-pub(crate) const PROGRAM: &str = env!("CARGO_BIN_EXE_dunkelfeld");
 
 /// A plate with two blocks and a ball under a lamp, from above.
 pub(crate) const STUDY: &str = r#"
@@ -135,8 +134,12 @@ impl Bench {
 
     /// Standard error of a command that is refused with exit code 2.
     pub(crate) fn refused(&self, line: &str) -> String {
-        let assert = self.command(line).assert().code(2);
-        String::from_utf8_lossy(&assert.get_output().stderr).into_owned()
+        self.said(line, 2)
+    }
+
+    /// Standard error of a command with an exit code.
+    pub(crate) fn said(&self, line: &str, code: i32) -> String {
+        crate::bench::stderr(&self.command(line).assert().code(code))
     }
 
     pub(crate) fn json(&self, name: &str) -> Value {

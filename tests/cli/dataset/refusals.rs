@@ -77,8 +77,7 @@ fn a_defect_with_the_name_of_an_object_is_refused() {
     names.push("\"x 1\"".into());
     let text = study(&object("y", "")).replace("\"y\"", &format!("{{ sequence = [{}] }}", names.join(", ")));
     fs::write(bench.path("study.toml"), text).expect("writable");
-    let assert = bench.command("dataset study.toml -o b --count 300 --index 0,299 --jobs 2").assert().code(1);
-    let message = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
+    let message = bench.said("dataset study.toml -o b --count 300 --index 0,299 --jobs 2", 1);
     assert!(message.contains("image 299: a defect of this entry is called \"x 1\""), "{message}");
     assert!(bench.path("b/records/000000.json").is_file() && !bench.path("b/records/000299.json").exists());
 }
@@ -88,8 +87,7 @@ fn devices_without_an_effect_and_defects_that_are_not_made_are_named() {
     let study = changed("[camera]", "[[study.defect]]\nkind = \"missing\"\non = \"block *\"\ncount = 5\n[camera]")
         .replace("exposure = \"20ms\"", "exposure = \"20ms\"\nmodel = \"imx250\"");
     let bench = Bench::new(&study);
-    let assert = bench.command("dataset study.toml -o a --count 1").assert().success();
-    let message = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
+    let message = bench.said("dataset study.toml -o a --count 1", 0);
     assert!(message.contains("`device` varies"), "{message}");
     let record = bench.json("a/records/000000.json");
     for number in 3..=5 {
@@ -114,7 +112,7 @@ fn a_colour_of_a_defect_may_be_one_number() {
 fn verify_finds_a_changed_description_and_a_changed_study() {
     let bench = Bench::new(STUDY);
     bench.run("dataset study.toml -o a --count 2");
-    bench.command("dataset --verify a").assert().success();
+    bench.run("dataset --verify a");
     for (file, from, to, words) in [
         ("a/set.json", "\"ball\"", "\"bell\"", "coco.json differs from the file"),
         ("a/study.toml", "seed = 3", "seed = 4", "it differs from the study of the set"),
@@ -122,15 +120,14 @@ fn verify_finds_a_changed_description_and_a_changed_study() {
         let before = fs::read_to_string(bench.path(file)).expect("a file");
         assert!(before.contains(from), "{before}");
         fs::write(bench.path(file), before.replace(from, to)).expect("writable");
-        let assert = bench.command("dataset --verify a").assert().code(1);
-        let message = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
+        let message = bench.said("dataset --verify a", 1);
         assert!(message.contains(words), "{message}");
         fs::write(bench.path(file), before).expect("writable");
     }
     // The folder of the files may be another one.
     let text = fs::read_to_string(bench.path("a/study.toml")).expect("a file");
     fs::write(bench.path("a/study.toml"), text.replace("[study]\n", "[study]\nfolder = \"../b\"\n")).expect("writable");
-    bench.command("dataset --verify a").assert().success();
+    bench.run("dataset --verify a");
 }
 
 #[test]

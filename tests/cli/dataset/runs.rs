@@ -1,6 +1,7 @@
 //! Runs: repeated, grown, killed, shared, refused.
 
-use super::bench::{Bench, PROGRAM, STUDY, assert_same, files};
+use super::bench::{Bench, STUDY, assert_same, files};
+use crate::bench::PROGRAM;
 use serde_json::Value;
 use std::fs;
 use std::process::{Command as Process, Stdio};
@@ -12,7 +13,7 @@ fn a_set_has_its_files_and_is_the_same_with_any_number_of_jobs() {
     bench.run("dataset study.toml -o a --jobs 1 --threads 1");
     bench.run("dataset study.toml -o b --jobs 3 --threads 2");
     assert_same(&bench.path("a"), &bench.path("b"));
-    bench.command("dataset --verify a").assert().success();
+    bench.run("dataset --verify a");
 
     let all = files(&bench.path("a"));
     for name in [
@@ -78,31 +79,19 @@ fn a_set_has_its_files_and_is_the_same_with_any_number_of_jobs() {
 }
 
 #[test]
-fn one_image_is_the_same_alone() {
+fn one_image_is_the_same_alone_and_the_set_grows() {
     let bench = Bench::new(STUDY);
     bench.run("dataset study.toml -o a");
-    bench.run("dataset study.toml -o b --index 4,1");
+    bench.run("dataset study.toml -o b --count 5 --index 4,1");
     let (a, b) = (files(&bench.path("a")), files(&bench.path("b")));
     let of_images: Vec<&String> = b.keys().filter(|name| name.contains('/')).collect();
     assert!(of_images.iter().all(|name| name.contains("000001") || name.contains("000004")), "{of_images:?}");
     for name in of_images {
         assert!(a[name] == b[name], "{name} differs");
     }
-    // The same command without the index goes on, and the set is that of one run.
+    // The set goes on and grows, and is that of one run.
     bench.run("dataset study.toml -o b");
     assert_same(&bench.path("a"), &bench.path("b"));
-}
-
-#[test]
-fn a_set_grows_and_refuses_another_study() {
-    let bench = Bench::new(STUDY);
-    bench.run("dataset study.toml -o grown --count 2");
-    bench.run("dataset study.toml -o grown --count 4");
-    bench.run("dataset study.toml -o at-once --count 4");
-    assert_same(&bench.path("grown"), &bench.path("at-once"));
-    fs::write(bench.path("other.toml"), STUDY.replace("seed = 3", "seed = 4")).expect("writable");
-    let message = bench.refused("dataset other.toml -o grown --count 4");
-    assert!(message.contains("another study") && message.contains("help:"), "{message}");
 }
 
 #[test]
@@ -114,26 +103,8 @@ fn a_time_for_the_whole_set_replaces_the_budget_of_the_job() {
     // With the budget of the job each image would have as many samples. How many a time gives is up to the machine.
     assert!(samples.iter().any(|n| *n != 8 * 64 * 48), "{samples:?}");
     // A time in which not even the scenes are loaded.
-    let assert = bench.command("dataset study.toml -o b --count 6 --time 10ms --jobs 1").assert().success();
-    let message = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
+    let message = bench.said("dataset study.toml -o b --count 6 --time 10ms --jobs 1", 0);
     assert!(message.contains("warning: the time budget of 0.0 s was missed by"), "{message}");
-}
-
-#[test]
-fn an_image_whose_draws_do_not_fit_does_not_end_the_set() {
-    let wide = "size = [{ sequence = [\"90mm\", \"90mm\", \"12mm\"] }, 0, \"90mm\"]";
-    let bench = Bench::new(&STUDY.replace("size = [\"90mm\", 0, \"90mm\"]", wide));
-    let assert = bench.command("dataset study.toml -o a --jobs 1").assert().code(1);
-    let message = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
-    for words in ["image 2", "image 5", "finds no place", "help:"] {
-        assert!(message.contains(words), "{words} in {message}");
-    }
-    let finished = (0..6).filter(|i| bench.path(&format!("a/records/{i:06}.json")).is_file()).collect::<Vec<_>>();
-    assert_eq!(finished, [0, 1, 3, 4]);
-    // The images that can be made are a set of their own, also after another run.
-    bench.command("dataset study.toml -o a --jobs 1").assert().code(1);
-    assert_eq!(bench.json("a/coco.json")["images"].as_array().map(Vec::len), Some(4));
-    bench.command("dataset --verify a").assert().code(1);
 }
 
 #[test]
@@ -143,12 +114,15 @@ fn images_that_do_not_fit_have_the_same_effect_with_any_number_of_jobs() {
     };
     let bench = Bench::new(&sizes("[\"90mm\", \"12mm\", \"12mm\"]"));
     for (set, jobs) in [("a", 1), ("b", 4)] {
-        let assert = bench.command(&format!("dataset study.toml -o {set} --jobs {jobs}")).assert().code(1);
-        let message = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
+        let message = bench.said(&format!("dataset study.toml -o {set} --jobs {jobs}"), 1);
+        assert!(message.contains("finds no place") && message.contains("help:"), "{message}");
         let flagged: Vec<bool> = (0..6).map(|i| message.contains(&format!("image {i}: "))).collect();
         assert_eq!(flagged, [false, true, true, false, true, true], "{message}");
     }
     assert_same(&bench.path("a"), &bench.path("b"));
+    // The images that can be made are a set of their own.
+    assert_eq!(bench.json("a/coco.json")["images"].as_array().map(Vec::len), Some(2));
+    bench.said("dataset --verify a", 1);
     // The first image of an empty set has no room; the others have it.
     fs::write(bench.path("study.toml"), sizes("[\"12mm\", \"90mm\", \"90mm\"]")).expect("writable");
     for jobs in [1, 4] {
@@ -157,8 +131,7 @@ fn images_that_do_not_fit_have_the_same_effect_with_any_number_of_jobs() {
         assert!(!bench.path("c").exists(), "{jobs}");
     }
     // An index may be there twice.
-    let assert = bench.command("dataset study.toml -o c --index 1,3,3 --jobs 4").assert().code(1);
-    let message = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
+    let message = bench.said("dataset study.toml -o c --index 1,3,3 --jobs 4", 1);
     assert_eq!(message.matches("image 3: ").count(), 1, "{message}");
 }
 
@@ -188,14 +161,11 @@ fn sensors_and_their_noise_may_vary() {
     let drawn = "[sensor]\nexposure = { sequence = [\"20ms\", \"10ms\"] }\nexposure_noise = { sequence = [\"matched\", \"plain\"] }\n\
         gain = { uniform = [0.5, 2] }\nmodel = { choice = [\"imx250\", \"imx174\"] }";
     let bench = Bench::new(&STUDY.replace("[sensor]\nexposure = \"20ms\"", drawn));
-    bench.run("dataset study.toml -o a --count 4 --jobs 1");
+    let message = bench.said("dataset study.toml -o a --count 4 --jobs 1", 0);
+    assert!(message.contains("warning: noise-matched exposure holds for only"), "{message}");
     let matched: Vec<bool> =
         (0..4).map(|i| bench.json(&format!("a/records/{i:06}.json"))["matched"].is_number()).collect();
     assert_eq!(matched, [true, false, true, false]);
-    bench.run("dataset study.toml -o b --count 4 --index 3,1 --jobs 1");
-    for name in ["images/000001.png", "raw/000003.raw", "records/000003.json"] {
-        assert!(fs::read(bench.path("a").join(name)).ok() == fs::read(bench.path("b").join(name)).ok(), "{name}");
-    }
 }
 
 /// The kill comes at another moment in each run; the result must not depend on it.
@@ -222,7 +192,7 @@ fn a_killed_run_goes_on_and_two_processes_share_a_set() {
     assert!(a.wait().expect("it ends").success());
     assert!(b.wait().expect("it ends").success());
     assert_same(&bench.path("alone"), &bench.path("shared"));
-    bench.command("dataset --verify shared").assert().success();
+    bench.run("dataset --verify shared");
     // One of two dies: the other one makes its images.
     fs::remove_dir_all(bench.path("shared")).expect("there");
     let (mut a, mut b) = (start(), start());
@@ -237,10 +207,7 @@ fn a_killed_run_goes_on_and_two_processes_share_a_set() {
 fn a_check_finds_what_was_changed() {
     let bench = Bench::new(STUDY);
     bench.run("dataset study.toml -o a --count 2");
-    let check = || {
-        let assert = bench.command("dataset --verify a").assert().code(1);
-        String::from_utf8_lossy(&assert.get_output().stderr).into_owned()
-    };
+    let check = || bench.said("dataset --verify a", 1);
     let image = bench.path("a/images/000001.png");
     let before = fs::read(&image).expect("there");
     fs::write(&image, b"no image").expect("writable");
@@ -248,7 +215,7 @@ fn a_check_finds_what_was_changed() {
     fs::remove_file(&image).expect("there");
     assert!(check().contains("images/000001.png does not exist"));
     fs::write(&image, before).expect("writable");
-    bench.command("dataset --verify a").assert().success();
+    bench.run("dataset --verify a");
 
     // The annotations against the mask: the record with the hash is changed as well. A mask of another size is not decoded.
     let mut labels = bench.json("a/labels/000000.json");
@@ -289,6 +256,13 @@ fn bad_studies_are_refused_before_anything_is_written() {
         ("[film]", "[output]\nimage = \"a.png\"\n\n[film]", "not for the images of a set"),
         ("objects = [\"ball\"]", "objects = [\"bal\"]", "no object is called \"bal\""),
         ("on = \"plate\"", "on = \"plat\"", "no object is called \"plat\""),
+        ("on = \"plate\"", "on = [\"plate\", \"plat\"]", "no object is called \"plat\""),
+        ("on = \"plate\"", "on = { choice = [\"plate\", [\"ball\", \"bal\"]] }", "[[study.defect]] 1, on"),
+        ("objects = \"block *\"\ncenter", "objects = [\"block *\", \"bal\"]\ncenter", "[[study.place]] 1, objects"),
+        ("width = \"2mm\"", "width = \"-2mm\"", "[[study.defect]] 1, width"),
+        ("depth = \"100um\"", "depth = \"100um\"\nroughness = 1.9", "[[study.defect]] 1, roughness"),
+        ("depth = \"100um\"", "depth = \"100um\"\ncolor = [0, 2, 0]", "[[study.defect]] 1, color"),
+        ("facing = [0, 1, 0]", "facing = [0, 0, 0]", "[[study.defect]] 1, facing"),
         ("kind = \"scratch\"", "kind = \"scrath\"", "[[study.defect]] 1, kind"),
         ("kind = \"scratch\"", "kind = \"scrath\"", "did you mean \"scratch\"? The kinds are scratch, dent,"),
         ("width = \"2mm\"\n", "", "the key `width` is missing"),
@@ -337,26 +311,9 @@ fn bad_studies_are_refused_before_anything_is_written() {
 fn a_set_with_saturated_pixels_says_so() {
     for (exposure, is_bright) in [("1ms", false), ("20ms", true)] {
         let bench = Bench::new(&STUDY.replace("exposure = \"20ms\"", &format!("exposure = \"{exposure}\"")));
-        let assert = bench.command("dataset study.toml -o a --count 1").assert().success();
-        let message = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
+        let message = bench.said("dataset study.toml -o a --count 1", 0);
         let page = fs::read_to_string(bench.path("a/report.html")).expect("a page");
         assert_eq!(message.contains("% of the pixels of these images are saturated"), is_bright, "{message}");
         assert_eq!(page.contains("of the pixels are saturated"), is_bright);
-    }
-}
-
-#[test]
-fn a_run_warns_if_the_noise_of_few_pixels_is_matched() {
-    for (spp, is_low) in [(2, true), (4096, false)] {
-        let small = STUDY.replace("spp = 8", &format!("spp = {spp}")).replace("width = 64", "width = 16");
-        let bench = Bench::new(&small.replace("height = 48", "height = 12"));
-        let assert = bench.command("dataset study.toml -o a --count 1").assert().success();
-        let message = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
-        let share = bench.json("a/records/000000.json")["matched"].as_f64().expect("a share");
-        assert_eq!(
-            (share < 0.9, message.contains("warning: noise-matched exposure holds for only")),
-            (is_low, is_low),
-            "{share}: {message}"
-        );
     }
 }

@@ -80,22 +80,16 @@ fn a_check_compares_the_files_of_the_whole_set() {
     let bench = split_bench();
     bench.run("dataset studies/tiles.toml -o a --jobs 1");
     bench.run("dataset --verify a");
-    let check = || {
-        let assert = bench.command("dataset --verify a").assert().code(1);
-        String::from_utf8_lossy(&assert.get_output().stderr).into_owned()
-    };
+    let check = || bench.said("dataset --verify a", 1);
     for name in ["coco.json", "records.jsonl", "data.yaml", "scene_camera.json", "scene_gt.json"] {
         let path = bench.path("a").join(name);
         let before = fs::read(&path).expect(name);
         let mut other = before.clone();
         let middle = other.len() / 2;
         other[middle] ^= 1;
-        for (changed, words) in [
-            (Some(other), "differs from the file that the finished images give"),
-            (Some(before[..before.len() - 1].to_vec()), "differs from the file"),
-            (Some([&before[..], b"\n"].concat()), "differs from the file"),
-            (None, "does not exist"),
-        ] {
+        for (changed, words) in
+            [(Some(other), "differs from the file that the finished images give"), (None, "does not exist")]
+        {
             match changed {
                 Some(content) => fs::write(&path, content).expect("writable"),
                 None => fs::remove_file(&path).expect("there"),
@@ -117,8 +111,7 @@ fn a_check_compares_the_files_of_the_whole_set() {
     bench.run("dataset studies/tiles.toml -o b --jobs 1 --index 0");
     fs::write(bench.path("b/images/000002.png"), "a part").expect("writable");
     fs::write(bench.path("b/labels.cache"), "of a reader").expect("writable");
-    let assert = bench.command("dataset --verify b").assert().code(1);
-    let message = String::from_utf8_lossy(&assert.get_output().stderr).into_owned();
+    let message = bench.said("dataset --verify b", 1);
     assert!(
         !message.contains("belongs to no image") && message.contains("2 of 3 images are not finished"),
         "{message}"

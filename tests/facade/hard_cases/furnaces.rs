@@ -10,7 +10,7 @@
 
 use super::facets::Plate;
 use super::support::{Terms, clear, f_cos, gives, integrate, sky, spot, terms, two_halves, view};
-use crate::support::{build, emitter, square};
+use crate::support::{Add, build, emitter, square};
 use dunkelfeld::geometry::{DVec3, LocalDir, Vec3};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::shapes::{cuboid, sphere};
@@ -48,8 +48,7 @@ fn a_surface_under_a_white_sky_is_the_integral_of_its_bsdf() {
                     f_cos(&bsdf, DVec3::Z, view(), wi)
                 });
             let mut b = SceneBuilder::default();
-            let m = b.add_material(material);
-            b.add_object("floor", square(0.0, 1.0, false), m);
+            b.add("floor", square(0.0, 1.0, false), material);
             b.environment = sky(1.0);
             spot(&mut b, view(), DVec3::ZERO, 1e-4);
             let what = format!("{name} of roughness {roughness}");
@@ -75,8 +74,11 @@ fn a_rough_plate_reflects_and_transmits_what_its_facets_leave() {
             let off = (expected - of(coarse)).abs();
             assert!(off < 1e-3, "roughness {roughness}: half the grid gives {off} more or less");
             let mut b = SceneBuilder::default();
-            let m = b.add_material(Material { roughness, ..clear(1.5) });
-            b.add_object("plate", cuboid(Vec3::new(-5.0, -1e-3, -5.0), Vec3::new(5.0, 0.0, 5.0)), m);
+            b.add(
+                "plate",
+                cuboid(Vec3::new(-5.0, -1e-3, -5.0), Vec3::new(5.0, 0.0, 5.0)),
+                Material { roughness, ..clear(1.5) },
+            );
             two_halves(&mut b, above, below);
             spot(&mut b, 0.3 * toward, DVec3::ZERO, 1e-4);
             let what = format!("roughness {roughness}, sky {above}, ground {below}");
@@ -200,22 +202,23 @@ fn bodies_without_absorption_are_invisible_in_a_white_box() {
         (
             "a cube of fog",
             in_a_white_box(|b| {
-                let m = b.add_material(fog(20.0, 1.0));
-                b.add_object("fog", cube(0.3), m);
+                b.add("fog", cube(0.3), fog(20.0, 1.0));
             }),
         ),
         (
             "a cube of milk glass",
             in_a_white_box(|b| {
-                let m = b.add_material(fog(5.0, 1.4));
-                b.add_object("milk", cube(0.3), m);
+                b.add("milk", cube(0.3), fog(5.0, 1.4));
             }),
         ),
         (
             "a thin pane",
             in_a_white_box(|b| {
-                let m = b.add_material(Material { roughness: 0.0, transmission: 1.0, ..Material::default() });
-                b.add_object("pane", square(0.0, 1.0, false), m);
+                b.add(
+                    "pane",
+                    square(0.0, 1.0, false),
+                    Material { roughness: 0.0, transmission: 1.0, ..Material::default() },
+                );
             }),
         ),
     ];
@@ -253,8 +256,7 @@ fn nested_and_touching_glass_is_not_seen_in_a_white_box() {
     for (name, blocks) in cases {
         let scene = in_a_white_box(|b| {
             for &(ior, low, high) in &blocks {
-                let m = b.add_material(clear(ior));
-                b.add_object("block", cuboid(low, high), m);
+                b.add("block", cuboid(low, high), clear(ior));
             }
         });
         // Edges where three solids meet may cost single rays.

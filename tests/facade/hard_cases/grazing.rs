@@ -13,7 +13,7 @@ use super::support::{
     Terms, absorbing, clear, f_cos, floor, fresnel, gives, integrate, plastic_bsdf, sky, spot, sun, terms,
     through_faces, two_halves,
 };
-use crate::support::{black, build, emitter, square};
+use crate::support::{Add, black, build, emitter, square};
 use dunkelfeld::geometry::{DVec3, Mesh, Vec3};
 use dunkelfeld::scene::shapes::{cuboid, rectangle};
 use dunkelfeld::scene::{Material, SceneBuilder};
@@ -31,8 +31,7 @@ fn smooth_pmma_near_the_horizon() {
         let through = through_faces(2.0, fresnel(angle, PMMA));
         for (above, below, expected) in [(1.0, 0.0, 1.0 - through), (0.0, 1.0, through), (1.0, 1.0, 1.0)] {
             let mut b = SceneBuilder::default();
-            let pmma = b.add_material(clear(PMMA as f32));
-            b.add_object("plate", cuboid(Vec3::new(-0.5, -1e-4, -0.5), Vec3::new(0.5, 0.0, 0.5)), pmma);
+            b.add("plate", cuboid(Vec3::new(-0.5, -1e-4, -0.5), Vec3::new(0.5, 0.0, 0.5)), clear(PMMA as f32));
             two_halves(&mut b, above, below);
             spot(&mut b, 0.4 * DVec3::new(angle.sin(), angle.cos(), 0.0), DVec3::ZERO, 1e-5);
             // A direction is known to 6e-8 rad; the cosine 1.7e-3 at 89.9 degrees, and with it 1 - R, to 3e-5.
@@ -73,8 +72,11 @@ fn rough_pmma_lit_and_seen_along_its_surface() {
             for (seen, lit) in [(89.9f64, 89.9f64), (89.9, 45.0), (45.0, 89.9), (89.0, 89.9)] {
                 let [seen, lit, azimuth] = [seen, lit, azimuth].map(f64::to_radians);
                 let mut b = SceneBuilder::default();
-                let m = b.add_material(Material { roughness, ..absorbing(PMMA as f32, 0.0, 1e-6) });
-                b.add_object("block", cuboid(Vec3::new(-0.5, -0.5, -0.1), Vec3::new(0.5, 0.5, 0.0)), m);
+                b.add(
+                    "block",
+                    cuboid(Vec3::new(-0.5, -0.5, -0.1), Vec3::new(0.5, 0.5, 0.0)),
+                    Material { roughness, ..absorbing(PMMA as f32, 0.0, 1e-6) },
+                );
                 sun(&mut b, DVec3::new(lit.sin() * azimuth.cos(), lit.sin() * azimuth.sin(), lit.cos()));
                 spot(&mut b, 0.4 * DVec3::new(seen.sin(), 0.0, seen.cos()), DVec3::ZERO, 1e-5);
                 let alpha = f64::from(roughness * roughness);
@@ -181,10 +183,12 @@ fn a_light_guide_is_a_plate_as_long_as_its_way() {
         let cos = (1.0 - sin * sin).sqrt();
         let reflections = length * sin / cos / 0.002;
         let mut b = SceneBuilder::default();
-        let pmma = b.add_material(absorbing(ior as f32, color as f32, 1.0));
-        b.add_object("rod", cuboid(Vec3::new(-1e-3, -1e-3, -length as f32), Vec3::new(1e-3, 1e-3, 0.0)), pmma);
-        let light = b.add_material(emitter(1.0));
-        b.add_object("light", square(-length as f32 + 1e-4, 0.00199, false), light);
+        b.add(
+            "rod",
+            cuboid(Vec3::new(-1e-3, -1e-3, -length as f32), Vec3::new(1e-3, 1e-3, 0.0)),
+            absorbing(ior as f32, color as f32, 1.0),
+        );
+        b.add("light", square(-length as f32 + 1e-4, 0.00199, false), emitter(1.0));
         spot(&mut b, 0.2 * DVec3::new(outside.sin(), 0.0, outside.cos()), DVec3::ZERO, 1e-4);
         let r = fresnel(outside, ior);
         let expected = (1.0 - r) * color.powf((length - 1e-4) / cos) / (ior * ior);
@@ -202,8 +206,7 @@ fn light_at_the_horizon_of_a_light_guide_stays_out_of_its_sides() {
     // Seen through its side a long rod shows total reflection or the sky, never anything that was not there: in a white
     // furnace a clear body of any shape is invisible.
     let mut b = SceneBuilder::default();
-    let pmma = b.add_material(clear(PMMA as f32));
-    b.add_object("rod", cuboid(Vec3::new(-1e-3, -1e-3, -0.2), Vec3::new(1e-3, 1e-3, 0.2)), pmma);
+    b.add("rod", cuboid(Vec3::new(-1e-3, -1e-3, -0.2), Vec3::new(1e-3, 1e-3, 0.2)), clear(PMMA as f32));
     b.environment = sky(1.0);
     spot(&mut b, DVec3::new(0.2, 0.07, 0.03), DVec3::ZERO, 8e-4);
     gives(&build(b), 1.0, terms(64.0, 1e-3), "a rod in a white furnace");

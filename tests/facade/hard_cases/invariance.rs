@@ -8,7 +8,7 @@
 //! with the distances over which its solids absorb keeps its radiance; point lights go with the square.
 
 use super::support::{absorbing, healthy_film, place, plastic};
-use crate::support::{emitter, settings, square};
+use crate::support::{Add, emitter, settings, square};
 use dunkelfeld::geometry::{DAffine3, DQuat, DVec3, Vec3};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::shapes::{cuboid, sphere};
@@ -26,17 +26,21 @@ const REGION: u32 = 4;
 fn still_life(to_world: DAffine3) -> Scene {
     let scale = to_world.matrix3.x_axis.length();
     let mut b = SceneBuilder::default();
-    let floor = b.add_material(plastic());
-    b.add_object("floor", square(0.0, 2.0, false), floor);
-    let metal = b.add_material(Material { metallic: 1.0, roughness: 0.3, ..Material::default() });
-    b.add_object("ball", sphere(Vec3::new(0.25, 0.0, 0.25), 0.2, 12, true), metal);
+    b.add("floor", square(0.0, 2.0, false), plastic());
+    b.add(
+        "ball",
+        sphere(Vec3::new(0.25, 0.0, 0.25), 0.2, 12, true),
+        Material { metallic: 1.0, roughness: 0.3, ..Material::default() },
+    );
     let mut twin = b.instances[1].clone();
     twin.to_world = DAffine3::from_translation(DVec3::new(-0.5, 0.2, 0.0));
     b.instances.push(twin);
-    let glass = b.add_material(absorbing(1.49, 0.6, (0.1 * scale) as f32));
-    b.add_object("plate", cuboid(Vec3::new(-0.4, -0.5, 0.05), Vec3::new(0.3, -0.25, 0.1)), glass);
-    let light = b.add_material(emitter(8.0));
-    b.add_object("light", square(1.0, 0.5, true), light);
+    b.add(
+        "plate",
+        cuboid(Vec3::new(-0.4, -0.5, 0.05), Vec3::new(0.3, -0.25, 0.1)),
+        absorbing(1.49, 0.6, (0.1 * scale) as f32),
+    );
+    b.add("light", square(1.0, 0.5, true), emitter(8.0));
     let kind = PunctualKind::Point { intensity: Rgb::splat((0.5 * scale * scale) as f32) };
     let at = DAffine3::from_translation(DVec3::new(0.7, -0.6, 0.8));
     b.lights.push(PunctualLight { name: "spark".into(), to_world: at, kind });

@@ -12,7 +12,7 @@
 use super::support::{
     Terms, f_cos, floor, gives, integrate, lit_by_panel, moved, pixel_means, plastic_bsdf, sky, spot, terms, view,
 };
-use crate::support::{black, build, emitter, square};
+use crate::support::{Add, black, build, emitter, square};
 use dunkelfeld::geometry::{DAffine3, DVec3, Vec3};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::shapes::rectangle;
@@ -77,8 +77,7 @@ fn a_light_gives_nothing_in_its_own_plane_and_behind_it() {
     // Floor and panel in one plane; the panel turned away; a wall of light whose plane holds the point.
     let in_plane = |turned: bool, double_sided: bool| {
         let mut b = floor(1.0);
-        let m = b.add_material(Material { double_sided, ..emitter(1e6) });
-        b.add_object("light", moved(square(0.0, 0.2, turned), DVec3::X * 0.7), m);
+        b.add("light", moved(square(0.0, 0.2, turned), DVec3::X * 0.7), Material { double_sided, ..emitter(1e6) });
         spot(&mut b, view() * 2.0, DVec3::new(0.013, 0.007, 0.0), 1e-3);
         build(b)
     };
@@ -208,8 +207,7 @@ fn in_the_dark_there_is_nothing() {
     });
     dark(&|b| {
         let texture = Some(Texture::new(black_image(b), ColorEncoding::Linear));
-        let m = b.add_material(Material { emission_texture: texture, ..emitter(5.0) });
-        b.add_object("off", square(0.5, 0.2, true), m);
+        b.add("off", square(0.5, 0.2, true), Material { emission_texture: texture, ..emitter(5.0) });
     });
     dark(&|b| {
         let kinds = [

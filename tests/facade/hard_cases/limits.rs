@@ -10,7 +10,7 @@
 use super::support::{
     Terms, absorbing, clear, fresnel, gives, pixel_means, same, sky, spot, terms, through_faces, two_halves, view,
 };
-use crate::support::{build, emitter, square};
+use crate::support::{Add, build, emitter, square};
 use dunkelfeld::geometry::{DVec3, Vec3, Vec4};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::shapes::cuboid;
@@ -19,8 +19,7 @@ use dunkelfeld::scene::{Material, Scene, SceneBuilder, Surface, Volume};
 /// A plate of 4 mm in the plane y = 0 under a sky, seen at an angle \[rad\].
 fn plate(material: Material, angle: f64, above: f32, below: f32) -> Scene {
     let mut b = SceneBuilder::default();
-    let m = b.add_material(material);
-    b.add_object("plate", cuboid(Vec3::new(-2.0, -0.004, -2.0), Vec3::new(2.0, 0.0, 2.0)), m);
+    b.add("plate", cuboid(Vec3::new(-2.0, -0.004, -2.0), Vec3::new(2.0, 0.0, 2.0)), material);
     two_halves(&mut b, above, below);
     spot(&mut b, 0.2 * DVec3::new(angle.sin(), angle.cos(), 0.0), DVec3::ZERO, 1e-5);
     build(b)
@@ -49,8 +48,7 @@ fn roughness_toward_zero_is_the_mirror() {
     // Where a mirror image ends on one side of the view the other side is dark: no haze from a mirror.
     for roughness in [0.0f32, 1e-3] {
         let mut b = SceneBuilder::default();
-        let m = b.add_material(Material { metallic: 1.0, roughness, ..Material::default() });
-        b.add_object("floor", square(0.0, 1.0, false), m);
+        b.add("floor", square(0.0, 1.0, false), Material { metallic: 1.0, roughness, ..Material::default() });
         let light = b.add_material(emitter(1.0));
         // The view from straight above comes back to where it was; 3 degrees beside it hangs the light.
         b.add_object("light", super::support::moved(square(1.0, 0.1, true), DVec3::X * 0.1), light);
@@ -158,8 +156,7 @@ fn anisotropy_of_plus_one_is_minus_one_turned() {
         let mut mesh = square(0.0, 1.0, false);
         mesh.tangents = vec![Vec4::new(0.8, 0.6, 0.0, 1.0); 4];
         b.add_object("floor", mesh, m);
-        let light = b.add_material(emitter(3.0));
-        b.add_object("light", super::support::moved(square(0.7, 0.4, true), DVec3::new(-0.5, 0.1, 0.0)), light);
+        b.add("light", super::support::moved(square(0.7, 0.4, true), DVec3::new(-0.5, 0.1, 0.0)), emitter(3.0));
         spot(&mut b, view(), DVec3::ZERO, 1e-4);
         build(b)
     };

@@ -14,7 +14,7 @@ use super::support::{
     Terms, absorbing, clear, f_cos, fresnel, gives, healthy_film, pixel_means, plastic, plastic_bsdf, sky, spot, sun,
     terms, through_faces, view,
 };
-use crate::support::{build, emitter, settings, square};
+use crate::support::{Add, build, emitter, settings, square};
 use dunkelfeld::geometry::{DAffine3, DVec3, Mesh, Vec2, Vec3, Vec4};
 use dunkelfeld::scene::shapes::{cuboid, sphere};
 use dunkelfeld::scene::{ColorEncoding, Image, ImageId, Material, Scene, SceneBuilder, Texels, Texture};
@@ -233,8 +233,7 @@ fn mirrored_glass_is_glass() {
                 let mesh = cuboid(Vec3::new(-0.5, -0.5, -0.005), Vec3::new(0.5, 0.5, 0.005));
                 let mut b = placed(material.clone(), mesh, DAffine3::from_scale(scale), instanced, None);
                 b.lights.clear();
-                let light = b.add_material(emitter(1.0));
-                b.add_object("light", square(-0.1, 2.0, false), light);
+                b.add("light", square(-0.1, 2.0, false), emitter(1.0));
                 let sure = 1.5 * ((1.0 - expected) / expected / (256.0 * 256.0)).sqrt();
                 let what = format!("scale {scale}, instanced {instanced}, expecting {expected}");
                 gives(&build(b), expected, Terms { spp: 256.0, sure, rounding: 1e-5 }, &what);
@@ -253,8 +252,7 @@ fn no_light_leaks_through_an_opaque_sheet_whatever_its_normals() {
         let (sin, cos) = degrees.to_radians().sin_cos();
         mesh.normals = vec![Vec3::new(sin * azimuth.cos(), sin * azimuth.sin(), cos); 4];
         b.add_object("sheet", mesh, m);
-        let light = b.add_material(Material { double_sided: true, ..emitter(1e3) });
-        b.add_object("light", square(-0.3, 3.0, false), light);
+        b.add("light", square(-0.3, 3.0, false), Material { double_sided: true, ..emitter(1e3) });
         sun(&mut b, DVec3::new(0.5, 0.1, -0.2));
         spot(&mut b, view(), DVec3::ZERO, 0.01);
         build(b)
@@ -274,8 +272,7 @@ fn normals_that_disagree_reflect_the_light_there_is() {
     let metal = || Material { metallic: 1.0, roughness: 0.1, ..Material::default() };
     let furnace = |material: Material, mesh: Mesh, half: f32, least: f32, what: &str| {
         let mut b = SceneBuilder { energy_compensation: true, ..SceneBuilder::default() };
-        let m = b.add_material(material);
-        b.add_object("body", mesh, m);
+        b.add("body", mesh, material);
         b.environment = sky(1.0);
         spot(&mut b, view() * 4.0, DVec3::ZERO, half);
         let film = healthy_film(&build(b), &settings(16, 16, 256.0, 3), what);

@@ -14,7 +14,7 @@ use super::support::{
     Terms, absorbing, clear, floor, fresnel, gives, lit_by_panel, pixel_means, place, plastic, same, sky, spot, terms,
     through_faces, view,
 };
-use crate::support::{black, build, emitter, square};
+use crate::support::{Add, black, build, emitter, square};
 use dunkelfeld::geometry::{DAffine3, DQuat, DVec3, Mesh, Vec3};
 use dunkelfeld::scene::shapes::cuboid;
 use dunkelfeld::scene::{Scene, SceneBuilder};
@@ -45,8 +45,7 @@ fn stack(plates: &[(f32, f32)], emitter_z: f32, angle: f64, at: DAffine3) -> Sce
     for &(low, high) in plates {
         b.add_object("plate", cuboid(Vec3::new(-0.1, -0.05, low), Vec3::new(0.1, 0.05, high)), pmma);
     }
-    let light = b.add_material(emitter(1.0));
-    b.add_object("light", square(emitter_z, 0.2, false), light);
+    b.add("light", square(emitter_z, 0.2, false), emitter(1.0));
     let up = DVec3::new(angle.sin(), 0.0, angle.cos());
     spot(&mut b, up * 0.15, DVec3::ZERO, 1e-3);
     place(&mut b, at);
@@ -92,8 +91,11 @@ fn a_film_absorbs_by_its_thickness() {
     for (where_, at) in places() {
         for (thickness, rounding) in [(1e-4f32, 1e-3), (1e-5, 7e-3), (1e-6, 0.07)] {
             let mut b = SceneBuilder::default();
-            let film = b.add_material(absorbing(1.0, 0.5, thickness));
-            b.add_object("film", cuboid(Vec3::new(-0.1, -0.05, 0.0), Vec3::new(0.1, 0.05, thickness)), film);
+            b.add(
+                "film",
+                cuboid(Vec3::new(-0.1, -0.05, 0.0), Vec3::new(0.1, 0.05, thickness)),
+                absorbing(1.0, 0.5, thickness),
+            );
             b.environment = sky(1.0);
             spot(&mut b, DVec3::Z * 0.15, DVec3::ZERO, 1e-3);
             place(&mut b, at);
@@ -151,8 +153,7 @@ fn needles_shine_like_the_panel_they_make() {
         ("fan of 800", fan(&many, 0.2, 0.5, false)),
     ] {
         let mut b = floor(1.0);
-        let m = b.add_material(emitter(5.0));
-        b.add_object("light", mesh, m);
+        b.add("light", mesh, emitter(5.0));
         spot(&mut b, view() * 4.0, DVec3::ZERO, 1e-4);
         gives(&build(b), expected, terms(256.0, 5e-3), name);
     }
@@ -166,8 +167,7 @@ fn needles_cover_what_is_behind_them() {
     {
         for (where_, at) in places() {
             let mut b = SceneBuilder::default();
-            let screen = b.add_material(black());
-            b.add_object("screen", mesh.clone(), screen);
+            b.add("screen", mesh.clone(), black());
             let light = b.add_material(emitter(1e6));
             b.add_object("light", square(0.0, 0.6, false), light);
             spot(&mut b, DVec3::new(0.05, 0.03, 0.3), DVec3::Z * 0.1, 0.1);
@@ -196,10 +196,8 @@ fn a_plate_of_slivers_is_a_plate() {
     }
     mesh.triangles.extend([[0, 2, 1], [0, 3, 2], [last, last + 1, last + 2], [last, last + 2, last + 3]]);
     let mut b = SceneBuilder::default();
-    let pmma = b.add_material(clear(PMMA as f32));
-    b.add_object("plate", mesh, pmma);
-    let light = b.add_material(emitter(1.0));
-    b.add_object("light", square(-0.05, 0.6, false), light);
+    b.add("plate", mesh, clear(PMMA as f32));
+    b.add("light", square(-0.05, 0.6, false), emitter(1.0));
     spot(&mut b, DVec3::new(0.1, 0.0, 0.3), DVec3::ZERO, 0.05);
     let (scene, report) = b.build().expect("the scene is valid");
     assert!(
@@ -218,8 +216,7 @@ fn a_floor_that_lies_in_a_floor_is_one_floor() {
         if doubled {
             b.add_object("twin", square(0.0, 0.4, false), 0);
         }
-        let m = b.add_material(emitter(5.0));
-        b.add_object("light", square(0.2, 0.1, true), m);
+        b.add("light", square(0.2, 0.1, true), emitter(5.0));
         b.environment = sky(0.3);
         spot(&mut b, view() * 0.5, DVec3::new(0.011, 0.017, 0.0), 1e-3);
         place(&mut b, at);
@@ -254,8 +251,7 @@ fn a_million_to_one_in_size() {
             ..Mesh::default()
         };
         let mut b = SceneBuilder::default();
-        let m = b.add_material(plastic());
-        b.add_object("floor", graded, m);
+        b.add("floor", graded, plastic());
         let m = b.add_material(emitter(5.0));
         b.add_object("light", square(size, size, true), m);
         let s = f64::from(size);

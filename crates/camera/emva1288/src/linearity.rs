@@ -117,14 +117,6 @@ mod tests {
         }
     }
 
-    #[test]
-    fn a_straight_line_has_no_deviation_whatever_its_offset() {
-        let s = curve(&[30.0, 50.0, 70.0, 90.0, 110.0]);
-        let l = linearity(&s, 115.0).expect("levels");
-        assert!((l.slope - 0.2).abs() < 1e-12 && (l.offset - 10.0).abs() < 1e-9, "{l:?}");
-        assert!(l.error < 1e-9 && l.range == [0, 4], "{l:?}");
-    }
-
     /// The line fulfils both weighted normal equations. LE is the mean deviation from it.
     #[test]
     fn a_bent_curve_by_hand() {

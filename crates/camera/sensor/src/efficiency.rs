@@ -205,18 +205,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn white_balance_gains_compensate_the_filters_for_grey() {
-        let nm = Nanometres;
-        // Flat curves: the electrons are proportional to the efficiencies.
-        let flat = |eta| QuantumEfficiency::new(vec![(nm(550.0), eta)]).expect("a curve");
-        let filter =
-            ColorFilter { pattern: BayerPattern::Rggb, curves: [flat(0.2), flat(0.4), flat(0.1)], white_balance: true };
-        for (got, expected) in filter.grey_gains().into_iter().zip([2.0, 1.0, 4.0]) {
-            assert!((got - expected).abs() < 1e-12, "{:?}", filter.grey_gains());
-        }
-    }
-
-    #[test]
     fn the_efficiency_is_interpolated_and_held_beyond_the_ends() {
         let nm = Nanometres;
         let curve = QuantumEfficiency::new(vec![(nm(400.0), 0.2), (nm(500.0), 0.6), (nm(700.0), 0.4)]).expect("curve");

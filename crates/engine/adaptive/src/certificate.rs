@@ -182,10 +182,4 @@ mod tests {
         let none = planes.certify(0.5);
         assert_eq!((none.hidden, none.mean, none.max, none.pixels), (1.0, 0.0, 0.0, 0));
     }
-
-    #[test]
-    fn ratios_are_variances_over_those_of_the_sensor() {
-        let (_, ratios) = Planes::of(|i| i as f32).ratios(0.5);
-        assert!((ratios.at(17, 3) - 317.0).abs() < 1e-3);
-    }
 }

@@ -72,13 +72,6 @@ mod tests {
         }
     }
 
-    /// CODATA lists h c / e = 1239.841 984 nm V.
-    #[test]
-    fn a_photon_of_1240_nm_carries_one_electron_volt() {
-        let joule_per_ev = 1.602_176_634e-19;
-        assert!((photon_energy(Nanometres(1239.841984)) / joule_per_ev - 1.0).abs() < 1e-9);
-    }
-
     /// The table of the standard observer (CIE 1931).
     #[test]
     fn the_efficacy_of_one_wavelength_is_that_of_the_standard_observer() {

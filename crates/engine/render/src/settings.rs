@@ -314,18 +314,4 @@ mod tests {
         let without = run().with_training_paths(7).with_without(vec![Effect::LearnedRoulette]);
         assert_eq!(of(512, None, without), 0, "left out");
     }
-
-    #[test]
-    fn samples_are_those_of_the_budget_or_of_the_plan() {
-        let spp = |change: fn(&mut RenderSettings)| {
-            let mut settings = RenderSettings { width: 2, height: 1, ..RenderSettings::without_sensor() };
-            change(&mut settings);
-            settings.expected_spp()
-        };
-        assert_eq!(spp(|_| {}), DEFAULT_SPP);
-        assert_eq!(spp(|s| s.budget.spp = Some(7.0)), 7.0);
-        assert_eq!(spp(|s| s.budget.seconds = Some(7.0)), UNKNOWN_SPP);
-        assert_eq!(spp(|s| s.run.samples = Some(8..24)), 16.0);
-        assert_eq!(spp(|s| s.run.replay = Plane::from_vec(2, 1, vec![3, 6])), 4.5);
-    }
 }

@@ -267,22 +267,9 @@ pub fn placed_area(mesh: &Mesh, to_world: &DAffine3) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::EmissionProfile;
     use dunkelfeld_geometry::geometric_normal;
 
     const RING: LampShape = LampShape::Ring { outer_diameter: 0.1, inner_diameter: 0.06, tilt: 0.0 };
-
-    fn agree(name: &str, value: f64, expected: f64, tolerance: f64) {
-        assert!((value / expected - 1.0).abs() < tolerance, "{name}: {value} instead of {expected}");
-    }
-
-    /// A dome with an opening of the half-angle a over the middle of its rim gives `pi cos^2 a`.
-    #[test]
-    fn irradiance_of_a_dome_agrees_with_its_closed_form() {
-        let dome = LampShape::Dome { diameter: 0.2, opening: 0.05 };
-        let e = irradiance_on_axis(&dome.surface(), &EmissionProfile::Lambertian, 1e-4);
-        agree("dome", e, PI * (1.0 - 0.25f64.powi(2)), 5e-3);
-    }
 
     #[test]
     fn all_triangles_emit_toward_the_part() {

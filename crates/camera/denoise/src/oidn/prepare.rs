@@ -77,12 +77,6 @@ mod tests {
     }
 
     #[test]
-    fn an_image_in_range_is_not_copied() {
-        let mean = Plane::from_fn(8, 8, |x, _| [x as f32; 3]);
-        assert!(matches!(radiance(&mean), (Cow::Borrowed(_), _)));
-    }
-
-    #[test]
     fn the_scale_follows_the_bright_parts_not_a_firefly_and_never_leaves_its_range() {
         let image = |bright: f32, most: f32| {
             Plane::from_fn(100, 10, |x, y| {

@@ -169,38 +169,6 @@ fn the_errors_are_the_scatter_of_repeated_measurements() {
     }
 }
 
-/// A large measurement: all figures lie within 6.5 of their errors, 8e-11 each for normal ones, and the errors are
-/// small. The true saturation is defined by the share of values: 0.15 % are at the largest value if the mean lies 2.968
-/// standard deviations below it.
-#[test]
-fn a_good_measurement_finds_the_camera() {
-    let mut rng = Pcg64::new(12, 1);
-    let found = linear(&measure(CAMERA, 50, 16, &mut rng));
-    for (symbol, value) in truth(&CAMERA) {
-        let q = found.get(symbol).expect("found");
-        let z = (q.value - value) / q.standard_error;
-        println!("{q}, truth {value}, z {z:+.2}");
-        assert!(z.abs() < 6.5, "{q}, truth {value}");
-    }
-    assert!(found.get("K").is_some_and(|q| q.standard_error < 0.01 * q.value));
-    // mu + dark current at its time + 2.968 sd = full well - half a grey value (which rounds up). sd^2 = mu + noise^2 +
-    // patterns.
-    let c = CAMERA;
-    let end = c.full_well - 0.5 / c.gain;
-    let square = |p: [f64; 3]| p.iter().map(|v| v * v).sum::<f64>();
-    let mut mu = end;
-    for _ in 0..50 {
-        let dark = c.dark_current * mu / (1.25 * c.full_well);
-        mu = end - dark - 2.968 * (mu + dark + c.dark_noise.powi(2) + square(c.dsnu) + square(c.prnu) * mu * mu).sqrt();
-    }
-    let q = found.get("mu_e.sat").expect("found");
-    assert!(((q.value - mu) / q.standard_error).abs() < 6.5, "{q}, truth {mu}");
-    let [temporal, total] = found.snr(mu / c.efficiency);
-    assert!(total < temporal && (temporal - mu.sqrt()).abs() < 0.05 * temporal, "{temporal} {total}");
-    assert!(found.value("LE") < 3.0 * found.get("LE").expect("found").standard_error);
-    assert!(found.notes.is_empty() && found.bounds.is_empty(), "{:?} {:?}", found.notes, found.bounds);
-}
-
 /// The same frames, shifted left by four bits, give the same figures in all modules, and one more note.
 #[test]
 fn values_that_are_shifted_left_are_divided() {

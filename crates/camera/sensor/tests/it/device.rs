@@ -6,9 +6,9 @@
 use dunkelfeld_film::Plane;
 use dunkelfeld_radiometry::{DigitalNumber, Electrons, Seconds};
 use dunkelfeld_sensor::{
-    BayerPattern, DarkCurrent, Defects, Device, Exposure, FixedPattern, FrameKey, Readout, SensorModel, SensorSpec,
+    BayerPattern, Defects, Device, Exposure, FixedPattern, FrameKey, Readout, SensorModel, SensorSpec,
 };
-use dunkelfeld_testkit::{chi_squared, sidak, z_test};
+use dunkelfeld_testkit::{sidak, z_test};
 
 /// False-alarm rate of each test function as a whole.
 const RATE: f64 = 1e-10;
@@ -60,14 +60,13 @@ fn variance(values: &[f64]) -> f64 {
 }
 
 /// Variances of rows, columns and pixels: the split of EMVA 1288 release 4.0, for M rows of N columns, of an image
-/// whose remaining temporal variance is `noise`.
-fn split(image: &[f64], columns: usize, noise: f64) -> [f64; 3] {
+/// without temporal noise.
+fn split(image: &[f64], columns: usize) -> [f64; 3] {
     let rows = image.len() / columns;
     let (m, n) = (rows as f64, columns as f64);
     let of_row: Vec<f64> = image.chunks(columns).map(|row| mean(row.iter().copied())).collect();
     let of_column: Vec<f64> = (0..columns).map(|x| mean(image.iter().skip(x).step_by(columns).copied())).collect();
-    let total = variance(image) - noise;
-    let (rav, cav) = (variance(&of_row) - noise / n, variance(&of_column) - noise / m);
+    let (total, rav, cav) = (variance(image), variance(&of_row), variance(&of_column));
     let d = m * n - m - n;
     let column = (m * n - m) / d * cav - n / d * (total - rav);
     let row = (m * n - n) / d * rav - m / d * (total - cav);
@@ -89,7 +88,7 @@ fn the_parts_of_the_pattern_are_those_that_were_set() {
             places.map(|(x, y)| f64::from(f(device.pixel(x, y).expect("inside")))).collect()
         };
         for (sums, image) in sums.iter_mut().zip([at(&|p| p.dark), at(&|p| p.response)]) {
-            for (sum, part) in sums.iter_mut().zip(split(&image, SIZE.0 as usize, 0.0)) {
+            for (sum, part) in sums.iter_mut().zip(split(&image, SIZE.0 as usize)) {
                 *sum += part / DEVICES as f64;
             }
         }
@@ -109,45 +108,6 @@ fn the_parts_of_the_pattern_are_those_that_were_set() {
     let flat = device(spec(), 1, (4, 4));
     assert_eq!(flat.pixel(3, 3).map(|p| (p.dark, p.response)), Some((0.0, 1.0)));
     assert_eq!(flat.pixel(4, 0), None);
-}
-
-/// The same split of the mean of 16 frames, dark and at half of saturation, against the pattern of this device. The
-/// rest is temporal noise, which is subtracted as in the standard.
-#[test]
-fn frames_show_the_parts_that_their_device_has() {
-    const SIZE: (u32, u32) = (320, 240);
-    const FRAMES: u32 = 16;
-    let device = device(SensorSpec { fixed_pattern: faulty(), ..spec() }, 5, SIZE);
-    let stack = |electrons: f32| {
-        let flat = Plane::new(SIZE.0, SIZE.1, electrons);
-        let mut sum = vec![0.0; (SIZE.0 * SIZE.1) as usize];
-        for k in 0..FRAMES {
-            sum.iter_mut().zip(frame(&device, &flat, k)).for_each(|(s, y)| *s += y / f64::from(FRAMES));
-        }
-        sum
-    };
-    let places = || (0..SIZE.1).flat_map(|y| (0..SIZE.0).map(move |x| (x, y)));
-    let gain = 0.5;
-    for electrons in [0.0f32, 15_000.0] {
-        // The values of the pattern, in DN.
-        let truth: Vec<f64> = places()
-            .map(|(x, y)| {
-                let p = device.pixel(x, y).expect("inside");
-                gain * (f64::from(electrons) * f64::from(p.response) + f64::from(p.dark))
-            })
-            .collect();
-        let temporal = (gain * gain * (f64::from(electrons) + 2.0 + 16.0) + 1.0 / 12.0) / f64::from(FRAMES);
-        let (got, set) = (split(&stack(electrons), SIZE.0 as usize, temporal), split(&truth, SIZE.0 as usize, 0.0));
-        let counts = [f64::from(SIZE.1), f64::from(SIZE.0), f64::from(SIZE.0 * SIZE.1)];
-        // The mean has temporal noise v (that of a row: v / columns) in addition to a spread s. The variance of both
-        // together has the variance 4 s^2 v / n + 2 v^2 / n, with known s^2.
-        let noise = [temporal / counts[1], temporal / counts[0], temporal];
-        for (i, part) in ["rows", "columns", "pixels"].into_iter().enumerate() {
-            let error = ((4.0 * set[i] * noise[i] + 2.0 * noise[i].powi(2)) / counts[i]).sqrt();
-            z_test(got[i], error, set[i])
-                .assert(sidak(RATE, 6), &format!("{electrons} e-, variance of {part} in DN^2"));
-        }
-    }
 }
 
 /// Rows of a frame share a part of the dark noise. Its total stays that of the data sheet (equation 14).
@@ -266,42 +226,6 @@ fn neighbours_frames_and_colours_are_independent() {
 fn correlation(a: &[f64], b: &[f64]) -> f64 {
     let (ma, mb) = (mean(a.iter().copied()), mean(b.iter().copied()));
     mean(a.iter().zip(b).map(|(x, y)| (x - ma) * (y - mb))) / (variance(a) * variance(b)).sqrt()
-}
-
-/// A camera without read noise whose grey values are electrons: the frames themselves are Poisson numbers, from a level
-/// at which nearly all are zero to one of thousands.
-#[test]
-fn frames_of_a_noiseless_reader_are_poisson_numbers() {
-    let counter = SensorSpec {
-        dark_noise: Electrons(0.0),
-        dark_current: DarkCurrent { rate: 0.0, ..spec().dark_current },
-        system_gain: 1.0,
-        offset: DigitalNumber(0.0),
-        ..spec()
-    };
-    let device = device(counter, 1, (512, 512));
-    let levels = [1e-3, 0.3, 4.0, 31.5, 200.0, 5000.0];
-    for (i, level) in levels.into_iter().enumerate() {
-        let values = frame(&device, &Plane::new(512, 512, level as f32), i as u32);
-        let level = f64::from(level as f32);
-        // By the recurrence of the probabilities in logarithms: ln p(k) = k ln mu - mu - ln k!.
-        let most = (level + 8.0 * level.sqrt() + 12.0) as usize;
-        let mut ln_factorial = 0.0;
-        let mut expected: Vec<f64> = (0..=most)
-            .map(|k| {
-                ln_factorial += if k > 1 { (k as f64).ln() } else { 0.0 };
-                values.len() as f64 * (k as f64 * level.ln() - level - ln_factorial).exp()
-            })
-            .collect();
-        let mut counts = vec![0u64; most + 1];
-        for y in values {
-            counts[(y as usize).min(most)] += 1;
-        }
-        // The probability beyond the last count is added to the last count.
-        let inside: f64 = expected.iter().sum();
-        expected[most] += (512.0 * 512.0 - inside).max(0.0);
-        chi_squared(&counts, &expected).assert(sidak(RATE, levels.len()), &format!("frames of {level} electrons"));
-    }
 }
 
 /// With all effects at once, plain and matched: rows that are exposed alone, in any order, equal those of the frame.

@@ -426,24 +426,6 @@ mod tests {
     }
 
     #[test]
-    fn single_events_are_shared_by_the_block() {
-        // One sample in 4096 is lit: with 64 samples per pixel, one pixel in 64 has one.
-        let (p, n) = (1.0 / 4096.0, 64);
-        let mut sum = 0.0;
-        for seed in 0..20 {
-            let film = film(|_, _| n, seed, |_, _, _, random| f64::from(u8::from(random.unit() < p)));
-            let own = pixel_noise(&evidence_of(&film));
-            let dark = own.data().iter().zip(film.data()).filter(|(_, p)| p.max_luminance() == 0.0);
-            let (total, count) =
-                dark.fold((0.0, 0.0), |(sum, count), (o, _)| (sum + f64::from(o.variance), count + 1.0));
-            sum += total / count;
-        }
-        // The dark pixels have no variance of their own.
-        let mean = sum / 20.0 / p;
-        assert!((0.7..1.3).contains(&mean), "{mean}");
-    }
-
-    #[test]
     fn it_is_right_on_average_for_independent_and_for_even_samples() {
         // Independent samples, and samples of which each batch has one from every part of the range.
         let n = 64;

@@ -8,4 +8,3 @@ mod phase;
 mod physics;
 mod samplers;
 mod sampling;
-mod translucent;

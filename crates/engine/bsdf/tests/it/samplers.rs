@@ -83,7 +83,7 @@ fn all() -> Vec<SamplerCase> {
             1e-4,
         ));
     }
-    for g in [0.0f32, 0.3, 0.8, -0.6] {
+    for g in [0.0f32, 1e-6, 0.3, 0.8, 0.95, -0.6, -0.95] {
         let (phase, wo) = (HenyeyGreenstein::new(g), direction(0.3, 1.0).0);
         let sample = move |u| Some(phase.sample(wo, u).to_array());
         let pdf = move |w| phase.pdf(wo, Vec3::from_array(w));

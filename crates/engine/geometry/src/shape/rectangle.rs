@@ -311,53 +311,6 @@ mod tests {
         }
     }
 
-    /// Densities and places against double precision, over random references of squares, bars and strips. A place is
-    /// compared by its random numbers: an error of theirs is a share of all samples.
-    #[test]
-    fn errors_of_single_precision() {
-        let mut state = 1u64;
-        let mut random = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 40) as f32 / (1 << 24) as f32
-        };
-        for [width, length] in [[0.015, 0.24], [0.3, 0.001], [0.1, 0.1], [1.0, 1.0], [2e-5, 1e-4]] {
-            let (edge_u, edge_v) = (Vec3::new(0.6, 0.8, 0.0) * width, Vec3::new(-0.48, 0.36, 0.8) * length);
-            let r = Rectangle { corner: Vec3::new(0.3, -0.2, 0.1), edge_u, edge_v };
-            let (sampler, scale) = (RectangleSampler::new(&r), width.hypot(length));
-            let (mut density, mut numbers, mut squares, mut count) = (0.0f64, 0.0f64, 0.0, 0);
-            for _ in 0..200_000 {
-                let over =
-                    r.point(3.0 * random() - 1.0, 3.0 * random() - 1.0) + r.normal() * (scale * 2.0 * random().powi(4));
-                let reference = over
-                    + (0.5 - random()) * scale * edge_u.normalize()
-                    + (0.5 - random()) * scale * edge_v.normalize();
-                let u = [random(), random()];
-                let Some(s) = sampler.sample(reference, u) else { continue };
-                let rectangle = RectangleLanes::<f32>::splat((), &sampler);
-                let view = rectangle.view(reference.into(), None);
-                let (corner, size) = rectangle.in_double_precision(reference.into());
-                let near = NearView::new(corner, size);
-                let exact = if view.is_by_solid_angle {
-                    let place = rectangle.sample(reference.into(), u).place;
-                    // Not those that are treated in double precision.
-                    if place != near.sample(u.map(f64::from), size).map(|x| x as f32) {
-                        let back = near.invert([0, 1].map(|axis| f64::from(place[axis]) / size[axis]));
-                        let error = [0, 1].map(|axis| (back[axis] - f64::from(u[axis])).abs());
-                        let error = error[0].max(error[1]);
-                        (numbers, squares, count) = (numbers.max(error), squares + error * error, count + 1);
-                    }
-                    1.0 / near.solid_angle
-                } else {
-                    let d = (s.point - reference).as_dvec3().length();
-                    d * d * d / (size[0] * size[1] * corner[2].abs())
-                };
-                density = density.max((f64::from(s.pdf) / exact - 1.0).abs());
-            }
-            let rms = (squares / f64::from(count)).sqrt();
-            println!("{width} x {length}: density {density:.1e}, numbers {numbers:.1e}, rms {rms:.1e} of {count}");
-        }
-    }
-
     fn rectangle() -> Rectangle {
         let (c, s) = (0.8, 0.6);
         Rectangle {

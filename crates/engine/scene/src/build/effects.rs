@@ -307,36 +307,3 @@ pub(crate) fn material_place(m: &Material) -> String {
 fn is_grey(c: dunkelfeld_radiometry::Rgb) -> bool {
     c.r == c.g && c.g == c.b
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::material::Volume;
-    use dunkelfeld_geometry::Mesh;
-    use dunkelfeld_radiometry::Rgb;
-
-    fn scene(material: Material) -> SceneBuilder {
-        let mut scene = SceneBuilder::default();
-        let index = scene.add_material(material);
-        scene.add_object("body", Mesh::default(), index);
-        scene
-    }
-
-    #[test]
-    fn effects_of_a_material_are_listed_with_its_name() {
-        let volume = Volume { scattering: Rgb::splat(100.0), absorption: Rgb::new(1.0, 2.0, 3.0), ..Volume::default() };
-        let frosted = Material {
-            name: "frosted".into(),
-            transmission: 1.0,
-            roughness: 0.3,
-            surface: Surface::Solid(volume),
-            alpha_mode: AlphaMode::Blend,
-            ..Material::default()
-        };
-        let effects = Effects::from_scene(&scene(frosted));
-        let called: Vec<Effect> = Effect::ALL.into_iter().filter(|&e| effects.has(e)).collect();
-        let wanted = [Effect::Coverage, Effect::RoughRefraction, Effect::Absorption, Effect::Scattering, Effect::Color];
-        assert_eq!(called, wanted);
-        assert_eq!(effects.users(Effect::Scattering), ["material \"frosted\""]);
-    }
-}

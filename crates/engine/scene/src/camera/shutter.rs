@@ -147,48 +147,6 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_is_exposed_around_time_zero_at_its_own_place() {
-        let shutter = Shutter::Frame { exposure: 2e-3 };
-        assert_eq!(shutter.moment(4, 0.25, 0.0, KEY), Moment { time: -1e-3, y: 4.25 });
-        assert_eq!(shutter.moment(4, 0.25, 0.75, KEY), Moment { time: 5e-4, y: 4.25 });
-        assert_eq!(shutter.middle(4), Moment { time: 0.0, y: 4.5 });
-    }
-
-    #[test]
-    fn all_rows_look_along_one_line_and_follow_each_other_by_the_period() {
-        let shutter = Shutter::Lines(lines());
-        for row in 0..5 {
-            let middle = (f64::from(row) - 2.0) * 1e-3;
-            for (u, offset) in [(0.0, -2e-4), (0.5, 0.0), (0.75, 1e-4)] {
-                let moment = shutter.moment(row, 0.25, u, KEY);
-                assert!((f64::from(moment.time) - middle - offset).abs() < 1e-9, "{row} {u}");
-                // The line of 0.5 is the middle row of five, from 2 to 3.
-                assert_eq!(moment.y, 2.25);
-            }
-            assert!((f64::from(shutter.middle(row).time) - middle).abs() < 1e-9);
-        }
-        let top = Shutter::Lines(LineScan { line: 0.1, ..lines() });
-        assert_eq!(top.moment(4, 0.0, 0.5, KEY).y, 0.0);
-    }
-
-    /// A point whose image moves up by one row a period is at the same place of the film row in all stages.
-    #[test]
-    fn the_stages_follow_an_image_that_moves_up_one_row_a_period() {
-        let scan = LineScan { stages: 4, ..lines() };
-        let shutter = Shutter::Lines(scan);
-        let mut stages = Vec::new();
-        for u in [0.125f32, 0.375, 0.625, 0.875] {
-            let moment = shutter.moment(1, 0.5, u, KEY);
-            let followed = f64::from(moment.y) + f64::from(moment.time) / scan.period;
-            // Row 1 of five is one period before the middle.
-            assert!((followed - 1.5).abs() < 1e-5, "{moment:?}");
-            stages.push(moment.y);
-        }
-        assert_eq!(stages, [4.0, 3.0, 2.0, 1.0], "the first stage is the lowest line");
-        assert!((scan.total_exposure() - 1.6e-3).abs() < 1e-15);
-    }
-
-    #[test]
     fn deviations_are_normal_belong_to_a_line_and_stay_within_the_times() {
         let scan = LineScan { jitter: 1e-4, rows: 4000, stages: 2, ..lines() };
         let shutter = Shutter::Lines(scan);

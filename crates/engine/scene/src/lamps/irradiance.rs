@@ -147,7 +147,7 @@ fn quarters([a, b, c]: [DVec3; 3]) -> [[DVec3; 3]; 4] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lamps::{LampShape, Leds};
+    use crate::lamps::LampShape;
     use std::f64::consts::{PI, TAU};
 
     fn agree(name: &str, value: f64, expected: f64, tolerance: f64) {
@@ -262,27 +262,6 @@ mod tests {
             let expected: f64 = (0..mesh.triangles.len()).map(facet).sum();
             let value = irradiance_on_axis(&mesh, &EmissionProfile::Lambertian, h);
             agree(&format!("{shape:?} at {h}"), value, expected, 1e-5);
-        }
-    }
-
-    /// Far small LEDs with lenses are points: `A profile(mu) mu cos / d^2` each.
-    #[test]
-    fn small_leds_with_lenses_are_points() {
-        let shape = LampShape::Rectangle { width: 0.1, height: 0.1 };
-        let mesh = shape.meshes(Some(Leds { columns: 3, rows: 3, diameter: Some(1e-4) })).emitter;
-        for degrees in [30.0, 10.0, 5.0f64] {
-            let profile = EmissionProfile::from_half_intensity_angle(0.5 * degrees.to_radians());
-            let (h, area) = (0.5, 0.25 * PI * 1e-8);
-            let led = |x: f64, y: f64| {
-                let d2 = x * x + y * y + h * h;
-                let mu = h / d2.sqrt();
-                area * profile.eval_f64(mu) * mu * mu / d2
-            };
-            let expected: f64 = [-0.1, 0.0, 0.1]
-                .map(|x| [-0.1, 0.0, 0.1].map(|y| led(x / 3.0, y / 3.0)).iter().sum::<f64>())
-                .iter()
-                .sum();
-            agree(&format!("{degrees} degrees"), irradiance_on_axis(&mesh, &profile, h), expected, 1e-4);
         }
     }
 }

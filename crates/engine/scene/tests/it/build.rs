@@ -43,19 +43,6 @@ fn singular_or_non_finite_transforms_remove_their_object() {
     assert_eq!(scene.bounds().map(|b| b[1]), Some(DVec3::new(0.5, 0.5, 0.0)));
 }
 
-/// Such a scene was once only a hazard, and was rendered black or with light missing.
-#[test]
-fn a_scene_beyond_the_range_of_numbers_is_refused() {
-    let mut b = square();
-    let far = DAffine3::from_translation(DVec3::new(1e25, 0.0, 0.0));
-    b.instances.push(Instance { name: "far".into(), meshes: vec![0], to_world: far, motion: Default::default() });
-    let light = b.add_material(Material { emission: Rgb::WHITE, ..Material::default() });
-    b.add_object("light", cuboid(Vec3::ZERO, Vec3::ONE), light);
-    let e = b.build().expect_err("too large");
-    assert!(matches!(&e, BuildError::TooLarge { place, .. } if place == "object \"far\""), "{e}");
-    assert!(e.to_string().contains("stray object"), "{e}");
-}
-
 #[test]
 fn indices_out_of_range_are_named() {
     let texture = Texture::new(ImageId(3), ColorEncoding::Linear);
@@ -87,11 +74,9 @@ fn invalid_values_are_refused_by_name() {
         |r: f32, rotation| Some(Environment { source: EnvironmentSource::Constant(Rgb::splat(r)), rotation });
     let cases: Vec<(&str, Corrupt)> = vec![
         ("emission", Box::new(|b| b.materials[0].emission = Rgb::new(0.0, -1.0, 0.0))),
-        ("emission", Box::new(move |b| b.materials[0].emission = Rgb::splat(nan))),
         ("colours", Box::new(|b| b.materials[0].sheen_color = Rgb::splat(f32::INFINITY))),
         ("refraction", Box::new(|b| b.materials[0].ior = 0.0)),
         ("factors", Box::new(move |b| b.materials[0].alpha = nan)),
-        ("factors", Box::new(move |b| b.materials[0].anisotropy_rotation = nan)),
         (
             "unlit",
             Box::new(|b| {
@@ -111,9 +96,7 @@ fn invalid_values_are_refused_by_name() {
                 b.lights.push(light(PunctualKind::Spot { intensity: Rgb::WHITE, inner: nan, outer: 0.3 }));
             }),
         ),
-        ("field of view", Box::new(|b| b.cameras.push(camera(Projection::Perspective { vertical_fov: 0.0 })))),
         ("field of view", Box::new(|b| b.cameras.push(camera(Projection::Perspective { vertical_fov: 3.2 })))),
-        ("field of view", Box::new(move |b| b.cameras.push(camera(Projection::Perspective { vertical_fov: nan })))),
         (
             "size",
             Box::new(|b| {
@@ -130,7 +113,6 @@ fn invalid_values_are_refused_by_name() {
             }),
         ),
         ("radiance", Box::new(move |b| b.environment = environment(-1.0, 0.0))),
-        ("radiance", Box::new(move |b| b.environment = environment(f32::INFINITY, 0.0))),
         ("rotation", Box::new(move |b| b.environment = environment(1.0, nan))),
         (
             "do not fill",
@@ -173,27 +155,6 @@ fn attributes_that_do_not_fit_are_ignored_with_a_note() {
     let shading = scene.shade_lanes::<f32>(hit.material(), &(&hit).into(), Vec3::Z.into());
     assert_eq!(shading.frames.frame.normal, Vec3::Z.into());
     assert_eq!(scene.coverage(&hit, Vec3::NEG_Z), 1.0);
-}
-
-/// The build fails, so that no black image is rendered without an error. With an environment there is something
-/// visible.
-#[test]
-fn a_scene_that_loses_every_triangle_is_an_error() {
-    let flat = || {
-        let mut b = square();
-        Arc::make_mut(&mut b.meshes[0].mesh).positions.iter_mut().for_each(|p| p.y = 0.0);
-        b
-    };
-    let e = flat().build().expect_err("nothing is left");
-    assert!(matches!(e, BuildError::NothingLeft { .. }) && e.to_string().contains("2 without area"), "{e}");
-    let with = |radiance| {
-        let source = EnvironmentSource::Constant(Rgb::splat(radiance));
-        SceneBuilder { environment: Some(Environment { source, rotation: 0.0 }), ..flat() }.build()
-    };
-    assert!(with(1.0).is_ok() && with(0.0).is_err());
-    let mut unused = flat();
-    unused.instances.clear();
-    assert!(unused.build().is_ok(), "nothing was to be seen");
 }
 
 #[test]

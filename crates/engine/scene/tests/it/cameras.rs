@@ -108,39 +108,6 @@ fn the_blur_of_a_thin_lens_is_the_disc_of_the_textbook() {
     }
 }
 
-#[test]
-fn a_telecentric_image_neither_moves_nor_grows_with_depth_and_blurs_by_its_aperture() {
-    for (na, focus) in [(0.02, 0.065), (0.3, 0.11)] {
-        let camera = bound(&telecentric(na, focus, None));
-        for (x, y) in [(320.0, 240.0), (0.0, 0.0), (639.5, 100.0)] {
-            let middle = at_depth(&camera.ray(x, y), 1.0);
-            for depth in [focus - 0.01, focus + 0.004, focus + 0.02] {
-                let what = format!("NA {na}, depth {depth}, film point {x}, {y}");
-                let chief = at_depth(&camera.ray(x, y), depth);
-                assert!((0..2).all(|k| (chief[k] - middle[k]).abs() < 1e-9), "{what}: the chief ray moves");
-                let points = blur(&camera, x, y, depth);
-                let dz: f64 = depth - focus;
-                let radius = dz.abs() * na.asin().tan();
-                let reach = points.iter().map(|p| p[0].hypot(p[1])).fold(0.0, f64::max) / radius;
-                assert!(reach < 1.0 + 1e-3 && reach > 0.998, "{what}: reaches {reach} of the closed form");
-                for k in [0, 1] {
-                    let mean = moments(points.iter().map(|p| p[k]));
-                    z_test(mean.mean(), mean.standard_error(), 0.0).assert(RATE, &format!("{what}: middle"));
-                }
-                // Uniform in the square of the sine s: the mean of tan^2 = s^2 / (1 - s^2) is -1 - ln(1 - NA^2) / NA^2.
-                let square = moments(points.iter().map(|p| p[0] * p[0] + p[1] * p[1]));
-                let expected = dz * dz * (-1.0 - (-na * na).ln_1p() / (na * na));
-                z_test(square.mean(), square.standard_error(), expected).assert(RATE, &what);
-            }
-        }
-        // A point has the same pixel at any depth.
-        let near = camera.project(DVec3::new(0.003, -0.002, -0.03)).expect("in front");
-        let far = camera.project(DVec3::new(0.003, -0.002, -0.3)).expect("in front");
-        assert_eq!(near, far);
-        assert!((near[0] - (320.0 + 0.003 * 32_000.0)).abs() < 1e-3 && (near[1] - (240.0 + 64.0)).abs() < 1e-3);
-    }
-}
-
 /// Corners of the polygon that replaces the unit disc.
 fn corners(blades: Blades) -> Vec<[f64; 2]> {
     let n = f64::from(blades.count);

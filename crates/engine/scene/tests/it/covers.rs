@@ -315,45 +315,6 @@ fn trace(scene: &Scene, x: Vec3, &(chain, direction, _): &Candidate, mut inside:
     (reach > 0.0 && scene.intersect(&shadow).is_none()).then(|| way.cross(direction).length())
 }
 
-/// Compares the seeds of random connections with the real scene: `(tried, traced, per order)`.
-fn compare(scene: &Scene, below: f32, inside: Option<u32>, turned: bool) -> [usize; 3] {
-    let mut random = Pcg32::seed_from_u64(11);
-    let mut reached = [0; 3];
-    let origin = scene.world_origin();
-    for _ in 0..300 {
-        let [a, b, c, d, e] = std::array::from_fn(|_| uniform(&mut random));
-        let x = DVec3::new(0.06 * (a - 0.5), 0.04 * (b - 0.5), below.into());
-        let y = DVec3::new(0.4 * (c - 0.5), 0.4 * (d - 0.5), 0.05 + 0.2 * e);
-        let [x, y] = if turned { [y, x] } else { [x, y] }.map(|p| (p - origin).as_vec3());
-        let start = inside.map_or(1.0, |material| f64::from(scene.materials()[material as usize].ior));
-        for found in candidates(scene, x, inside, Target::Point(y)) {
-            let chain = found.0;
-            let Some(miss) = trace(scene, x, &found, start, y) else { continue };
-            // f32 directions and hits: 1e-7 of the way for each event.
-            assert!(miss < 1e-6, "{chain:?} from {x} to {y} misses by {miss} m");
-            reached[chain.order() as usize] += 1;
-        }
-    }
-    reached
-}
-
-#[test]
-fn seeds_of_flat_stacks_pass_through_the_real_mesh() {
-    let (pmma, film) = (|| clear("pmma", 1.49), || clear("film", 1.58));
-    for (what, objects) in [
-        ("a plate", vec![(plate(0.001, 0.005), pmma())]),
-        ("two with a gap", vec![(plate(0.001, 0.005), pmma()), (plate(0.006, 0.0065), film())]),
-        ("two glued", vec![(plate(0.001, 0.005), pmma()), (plate(0.005, 0.0065), film())]),
-    ] {
-        let scene = scene(objects);
-        for turned in [false, true] {
-            // The rays of lights low over the cover do not pass its rim.
-            let reached = compare(&scene, -0.002, None, turned);
-            assert!(reached.iter().all(|&n| n > 100), "{what}: chains of each order arrive: {reached:?}");
-        }
-    }
-}
-
 #[test]
 fn chains_may_start_in_a_scattering_solid_in_contact_with_the_stack() {
     let milky = |ior| {

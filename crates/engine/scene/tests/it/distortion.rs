@@ -131,32 +131,3 @@ fn a_distortion_that_folds_on_the_film_is_an_error_that_names_the_place() {
     let seen = film.project(DVec3::new(0.4, 0.0, -1.0)).expect("in the field");
     assert!((seen[0] - (320.0 + 800.0 * 0.4 * (1.0 - 0.16 / 3.0))).abs() < 1e-3, "{seen:?}");
 }
-
-/// OpenCV's projection: u = fx x' + cx, v = fy y' + cy for the distorted place (x', y') of a point, with the middle of
-/// the first pixel at (0, 0).
-#[test]
-fn pixels_that_are_not_square_have_the_focal_lengths_of_opencv() {
-    let ([fx, fy], [cx, cy]) = ([900.0, 720.0], [310.25, 251.5]);
-    for coefficients in [&[0.0; 4][..], &BARREL[..]] {
-        let lens = Lens {
-            distortion: model(coefficients),
-            principal_point: [cx - 639.0 / 2.0, cy - 479.0 / 2.0],
-            pixel_aspect: fy / fx,
-            ..Lens::default()
-        };
-        let projection = Projection::Perspective { vertical_fov: 2.0 * (240.0f64 / fy).atan() as f32 };
-        let camera = Camera { name: "calibrated".into(), projection, lens, ..Camera::default() };
-        let film = RayGenerator::new(&camera, 640, 480, DVec3::ZERO, 1e3).expect("invertible");
-        for ([x, y, z], ..) in OPENCV.into_iter().filter(|([x, y, z], ..)| (x / z).hypot(y / z) < 0.4) {
-            let [u, v] = model(coefficients).forward([x / z, y / z]);
-            let expected = [fx * u + cx + 0.5, fy * v + cy + 0.5];
-            let found = film.project(DVec3::new(x, -y, -z)).expect("in front of the camera");
-            for k in 0..2 {
-                assert!((found[k] - expected[k]).abs() < 1e-4, "{found:?} instead of {expected:?}");
-            }
-            let ray = film.ray(found[0] as f32, found[1] as f32).direction.as_dvec3();
-            let (across, up) = (ray.x / -ray.z - x / z, ray.y / -ray.z + y / z);
-            assert!(across.abs().max(up.abs()) < 1e-6, "the ray of {found:?} misses by {across}, {up}");
-        }
-    }
-}

@@ -202,29 +202,3 @@ fn overlap_message(scene: &Scene, a: &Face, b: &Face, gap: f32, step: f32) -> Op
         _ => None,
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn face(triangles: &[[[f32; 2]; 3]]) -> Face {
-        let triangles = triangles.iter().map(|t| t.map(Vec2::from)).collect();
-        Face { part: 0, along: true, offset: 0.0, low: [0.0; 2], high: [1.0; 2], triangles }
-    }
-
-    #[test]
-    fn faces_overlap_if_their_triangles_overlap_not_only_their_boxes() {
-        let lower = face(&[[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]]);
-        let upper = face(&[[[1.0, 1.0], [0.0, 1.0], [1.0, 0.0]]]);
-        let middle = face(&[[[0.4, 0.4], [0.6, 0.4], [0.5, 0.7]]]);
-        let mut plenty = MAX_COMPARISONS;
-        assert!(boxes_overlap(&lower, &upper, 1e-6));
-        assert!(!overlap(&lower, &upper, 1e-6, &mut plenty), "they share an edge");
-        assert!(overlap(&lower, &middle, 1e-6, &mut plenty) && overlap(&middle, &upper, 1e-6, &mut plenty));
-        let thin = face(&[[[0.5, 0.5], [0.5, 0.5], [0.5, 0.5]]]);
-        assert!(!overlap(&lower, &thin, 1e-6, &mut plenty), "nothing has no area");
-        assert_eq!(plenty, MAX_COMPARISONS - 4);
-        let mut none = 0;
-        assert!(!overlap(&lower, &middle, 1e-6, &mut none), "no effort is left");
-    }
-}
