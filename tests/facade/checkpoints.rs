@@ -31,9 +31,9 @@ const TILE: u32 = 16;
 
 fn room(light: f32) -> Scene {
     let mut b = SceneBuilder::default();
-    let floor = b.add_material(Material { base_color: Rgb::new(0.7, 0.5, 0.3), ..Material::default() });
+    let floor = b.add_material(Material { base_color: Rgb::new(0.7, 0.5, 0.3).into(), ..Material::default() });
     b.add_object("floor", square(0.0, 2.0, false), floor);
-    let metal = b.add_material(Material { metallic: 1.0, roughness: 0.3, ..Material::default() });
+    let metal = b.add_material(Material { metallic: 1.0.into(), roughness: 0.3.into(), ..Material::default() });
     b.add_object("ball", sphere(Vec3::new(0.2, 0.0, 0.25), 0.2, 12, true), metal);
     b.add_object("box", cuboid(Vec3::new(-0.5, -0.2, 0.01), Vec3::new(-0.1, 0.2, 0.3)), floor);
     let lamp = b.add_material(emitter(light));

@@ -6,13 +6,18 @@ use crate::support::{build, emitter, film, settings, spot_camera, square};
 use dunkelfeld::film::Film;
 use dunkelfeld::geometry::{DVec3, Vec3};
 use dunkelfeld::radiometry::Rgb;
-use dunkelfeld::scene::{Material, Scene, SceneBuilder, Surface, Volume, shapes};
+use dunkelfeld::scene::{Material, Scene, SceneBuilder, Specular, Surface, Volume, shapes};
 use dunkelfeld::{Cancel, DenoiseMethod, Progress, ProgressState, Project, Stage};
 
 /// A red floor with its normal along +z, behind a cover or in a mirror. The lamp is outside of the view.
 fn scene(camera: (DVec3, DVec3), add: impl FnOnce(&mut SceneBuilder)) -> Scene {
     let mut b = SceneBuilder::default();
-    let floor = Material { base_color: Rgb::new(0.8, 0.2, 0.1), specular: 0.0, roughness: 1.0, ..Material::default() };
+    let floor = Material {
+        base_color: Rgb::new(0.8, 0.2, 0.1).into(),
+        specular: Specular::NONE,
+        roughness: 1.0.into(),
+        ..Material::default()
+    };
     let floor = b.add_material(floor);
     b.add_object("floor", square(0.0, 4.0, false), floor);
     let lamp = b.add_material(emitter(5.0));
@@ -24,7 +29,7 @@ fn scene(camera: (DVec3, DVec3), add: impl FnOnce(&mut SceneBuilder)) -> Scene {
 
 fn glass(roughness: f32) -> Material {
     let surface = Surface::Solid(Volume::default());
-    Material { ior: 1.49, roughness, transmission: 1.0, surface, ..Material::default() }
+    Material { ior: 1.49, roughness: roughness.into(), transmission: 1.0.into(), surface, ..Material::default() }
 }
 
 /// Mean albedo, normal and depth of a film, and the largest variance of an albedo's mean.
@@ -70,10 +75,14 @@ fn layers_show_what_lies_behind_clear_covers_and_in_mirrors() {
 
     // A mirror upright at x = 1 shows the floor: 1 m to the mirror, and as far again.
     let aslant = (DVec3::new(0.0, 0.0, 1.0), DVec3::new(1.0, 0.0, 0.5));
-    let mirror = |roughness| {
+    let mirror = |roughness: f32| {
         move |b: &mut SceneBuilder| {
-            let metal =
-                b.add_material(Material { metallic: 1.0, base_color: Rgb::WHITE, roughness, ..Material::default() });
+            let metal = b.add_material(Material {
+                metallic: 1.0.into(),
+                base_color: Rgb::WHITE.into(),
+                roughness: roughness.into(),
+                ..Material::default()
+            });
             b.add_object("mirror", shapes::rectangle(Vec3::new(1.0, 0.9, 0.1), Vec3::Y * -1.8, Vec3::Z * 0.8), metal);
         }
     };

@@ -233,7 +233,7 @@ fn known_noise_of_an_image_is_taken_out_of_the_cameras() {
 fn lit_floor(sensor: SensorModel, noise: ExposureNoise) -> (dunkelfeld::Rendering, RenderSettings) {
     let mut b = dunkelfeld::scene::SceneBuilder::default();
     let base_color = Rgb::new(0.7, 0.4, 0.2);
-    let floor = b.add_material(dunkelfeld::scene::Material { base_color, ..Default::default() });
+    let floor = b.add_material(dunkelfeld::scene::Material { base_color: base_color.into(), ..Default::default() });
     b.add_object("floor", square(0.0, 2.4, false), floor);
     let lamp = b.add_material(emitter(20.0));
     b.add_object("lamp", square(1.2, 0.8, true), lamp);

@@ -10,7 +10,7 @@ use dunkelfeld::film::{Film, Plane};
 use dunkelfeld::geometry::{DVec3, Vec3};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::shapes::{cuboid, sphere};
-use dunkelfeld::scene::{Material, Scene, SceneBuilder};
+use dunkelfeld::scene::{Material, Scene, SceneBuilder, Specular};
 use dunkelfeld::sensor::Optics;
 use dunkelfeld::{
     Budget, Frame, Progress, ProgressState, Project, RenderSettings, Rendering, SensorChoice, Session, develop,
@@ -29,9 +29,17 @@ fn sensor() -> SensorChoice {
 /// A floor with a box and a ball under a lamp: penumbrae, edges, an indirectly lit side, a dark surround.
 fn still_life() -> Scene {
     let mut b = SceneBuilder::default();
-    let floor = b.add_material(Material { base_color: Rgb::new(0.6, 0.5, 0.4), specular: 0.0, ..Material::default() });
+    let floor = b.add_material(Material {
+        base_color: Rgb::new(0.6, 0.5, 0.4).into(),
+        specular: Specular::NONE,
+        ..Material::default()
+    });
     b.add_object("floor", square(0.0, 1.2, false), floor);
-    let white = b.add_material(Material { base_color: Rgb::splat(0.8), specular: 0.0, ..Material::default() });
+    let white = b.add_material(Material {
+        base_color: Rgb::splat(0.8).into(),
+        specular: Specular::NONE,
+        ..Material::default()
+    });
     b.add_object("box", cuboid(Vec3::new(-0.4, -0.2, 0.01), Vec3::new(-0.1, 0.2, 0.3)), white);
     b.add_object("ball", sphere(Vec3::new(0.2, 0.0, 0.2), 0.18, 12, true), white);
     let light = b.add_material(emitter(30.0));

@@ -20,17 +20,17 @@ fn room() -> Scene {
 
 fn objects() -> SceneBuilder {
     let mut b = SceneBuilder::default();
-    let floor = b.add_material(Material { base_color: Rgb::new(0.7, 0.5, 0.3), ..Material::default() });
+    let floor = b.add_material(Material { base_color: Rgb::new(0.7, 0.5, 0.3).into(), ..Material::default() });
     b.add_object("floor", square(0.0, 2.0, false), floor);
     let volume = Volume { attenuation_color: Rgb::new(0.9, 0.8, 0.7), attenuation_distance: 0.1, ..Volume::default() };
     let glass = b.add_material(Material {
-        roughness: 0.0,
-        transmission: 1.0,
+        roughness: 0.0.into(),
+        transmission: 1.0.into(),
         surface: Surface::Solid(volume),
         ..Material::default()
     });
     b.add_object("ball", sphere(Vec3::new(0.2, 0.0, 0.25), 0.2, 12, true), glass);
-    let metal = b.add_material(Material { metallic: 1.0, roughness: 0.3, ..Material::default() });
+    let metal = b.add_material(Material { metallic: 1.0.into(), roughness: 0.3.into(), ..Material::default() });
     b.add_object("box", cuboid(Vec3::new(-0.5, -0.2, 0.01), Vec3::new(-0.1, 0.2, 0.3)), metal);
     let light = b.add_material(emitter(8.0));
     b.add_object("light", square(1.0, 0.5, true), light);
@@ -89,7 +89,7 @@ fn a_hidden_medium_does_not_change_the_image() {
         if is_hidden_there {
             let fog = Volume { scattering: Rgb::splat(10.0), ..Volume::default() };
             let surface = Surface::Solid(fog);
-            let fog = b.add_material(Material { transmission: 1.0, surface, ..Material::default() });
+            let fog = b.add_material(Material { transmission: 1.0.into(), surface, ..Material::default() });
             b.add_object("fog", sphere(Vec3::new(0.0, 0.0, -0.4), 0.1, 8, true), fog);
         }
         let scene = build(b);
@@ -155,7 +155,7 @@ fn a_timed_render_replays_to_the_same_bits() {
 fn invalid_samples_are_counted_and_named() {
     // A light beyond the range of f32 squared: the throughput overflows somewhere.
     let mut b = SceneBuilder::default();
-    let light = b.add_material(Material { emission: Rgb::splat(f32::MAX), ..emitter(1.0) });
+    let light = b.add_material(Material { emission: Rgb::splat(f32::MAX).into(), ..emitter(1.0) });
     b.add_object("light", square(0.0, 1.0, false), light);
     b.add_camera("camera", DVec3::Z, DVec3::ZERO, 0.5);
     let r = render(&build(b), &settings(8, 8, 4.0, 0), &Session::new(0).expect("threads")).expect("valid");

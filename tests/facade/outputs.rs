@@ -24,7 +24,7 @@ use tempfile::TempDir;
 /// Half of the view shows a lit floor, 2 m below the camera; the other half shows nothing.
 fn floor_and_void() -> Scene {
     let mut b = SceneBuilder::default();
-    let floor = b.add_material(Material { base_color: Rgb::new(0.8, 0.4, 0.2), ..Material::default() });
+    let floor = b.add_material(Material { base_color: Rgb::new(0.8, 0.4, 0.2).into(), ..Material::default() });
     b.add_object("floor", square(0.0, 1.0, false), floor);
     let lamp = b.add_material(emitter(5.0));
     b.add_object("lamp", square(3.0, 1.0, true), lamp);

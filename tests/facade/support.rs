@@ -3,7 +3,7 @@
 use dunkelfeld::film::Film;
 use dunkelfeld::geometry::{DVec3, Vec3};
 use dunkelfeld::radiometry::Rgb;
-use dunkelfeld::scene::{Camera, Material, Projection, Scene, SceneBuilder, look_at};
+use dunkelfeld::scene::{Camera, Material, Projection, Scene, SceneBuilder, Specular, look_at};
 use dunkelfeld::{Budget, RenderSettings, Session, render};
 use dunkelfeld_adaptive::weights::Strategy;
 use dunkelfeld_testkit::{Claim, SampleMoments};
@@ -13,18 +13,18 @@ pub(crate) const RATE: f64 = 1e-9;
 
 /// A material that only emits, on its front, with the given radiance in every channel.
 pub(crate) fn emitter(radiance: f32) -> Material {
-    Material { name: "emitter".into(), emission: Rgb::splat(radiance), ..black() }
+    Material { name: "emitter".into(), emission: Rgb::splat(radiance).into(), ..black() }
 }
 
 /// A material that reflects nothing: no diffuse part, and no specular part either.
 pub(crate) fn black() -> Material {
-    Material { name: "black".into(), base_color: Rgb::BLACK, specular: 0.0, ..Material::default() }
+    Material { name: "black".into(), base_color: Rgb::BLACK.into(), specular: Specular::NONE, ..Material::default() }
 }
 
 /// A floor under a lamp with a post with a soft shadow: a wide range of light, and noise from the unknown visible part of the lamp.
 pub(crate) fn shadow() -> Scene {
     let mut b = SceneBuilder::default();
-    let floor = b.add_material(Material { base_color: Rgb::splat(0.5), ..Material::default() });
+    let floor = b.add_material(Material { base_color: Rgb::splat(0.5).into(), ..Material::default() });
     b.add_object("floor", square(0.0, 2.4, false), floor);
     b.add_object(
         "post",

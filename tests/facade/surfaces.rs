@@ -9,7 +9,7 @@ use dunkelfeld::geometry::{DAffine3, DQuat, DVec3, LocalDir, Mesh, Vec2, Vec3, V
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::shapes::{cuboid, sphere};
 use dunkelfeld::scene::{
-    AlphaMode, ChannelTexture, ColorEncoding, Environment, EnvironmentSource, Filter, Image, ImageId, Material,
+    AlphaMode, ColorEncoding, Environment, EnvironmentSource, Filter, Image, ImageId, Material, NormalMap, Parameter,
     PunctualKind, PunctualLight, Scene, SceneBuilder, Surface, Texels, Texture, Volume,
 };
 use dunkelfeld::{Session, render};
@@ -26,7 +26,7 @@ fn check(scene: &Scene, spp: f64, expected: f64, what: &str) {
 
 /// A rough grey plastic, as a material and as its BSDF with a base colour.
 fn plastic() -> Material {
-    Material { base_color: Rgb::splat(0.6), roughness: 0.4, ..Material::default() }
+    Material { base_color: Rgb::splat(0.6).into(), roughness: 0.4.into(), ..Material::default() }
 }
 
 fn plastic_bsdf(base: f32) -> Bsdf {
@@ -86,8 +86,8 @@ fn nearest() -> Texture {
 fn solid(ior: f32, color: f32, distance: f32) -> Material {
     Material {
         ior,
-        roughness: 0.0,
-        transmission: 1.0,
+        roughness: 0.0.into(),
+        transmission: 1.0.into(),
         surface: Surface::Solid(Volume {
             attenuation_color: Rgb::splat(color),
             attenuation_distance: distance,
@@ -102,7 +102,10 @@ fn a_textured_light_over_a_floor() {
     // The half of the panel at x < 0 has radiance 5, the other 5 * 51 / 255 = 1. L = integral of f cos L cos_l / d^2.
     let mut b = floor_scene(plastic());
     b.images.push(image(2, 1, vec![[255; 4], [51; 4]]));
-    let m = b.add_material(Material { emission_texture: Some(nearest()), ..emitter(5.0) });
+    let m = b.add_material(Material {
+        emission: Parameter { factor: Rgb::splat(5.0), texture: Some(nearest()) },
+        ..emitter(5.0)
+    });
     b.add_object("light", square(0.4, 0.4, true), m);
     let bsdf = plastic_bsdf(0.6);
     let expected = integrate(400, |u, v| {
@@ -117,7 +120,7 @@ fn a_textured_light_over_a_floor() {
 #[test]
 fn a_light_that_covers_partly_shines_partly() {
     // Coverage 0.3: NEE, scattering and the camera all find 0.3 of the radiance; the light from behind counts 0.7.
-    let veil = |l: f32| Material { alpha: 0.3, alpha_mode: AlphaMode::Blend, ..emitter(l) };
+    let veil = |l: f32| Material { alpha: 0.3.into(), alpha_mode: AlphaMode::Blend, ..emitter(l) };
     let mut b = floor_scene(plastic());
     let front = b.add_material(veil(5.0));
     let back = b.add_material(emitter(2.0));
@@ -186,7 +189,7 @@ fn a_normal_map_reflects_like_a_tilted_surface() {
     let from = DVec3::new(-0.15, 0.25, 0.95).normalize();
     for with_tangents in [false, true] {
         let texture = Texture::new(ImageId(0), ColorEncoding::Linear);
-        let mut b = floor_scene(Material { normal_texture: Some(texture), ..plastic() });
+        let mut b = floor_scene(Material { normal_map: NormalMap { texture: Some(texture), scale: 1.0 }, ..plastic() });
         b.images.push(Image { name: "map".into(), width: 1, height: 1, texels: map.clone().into() });
         if with_tangents {
             Arc::make_mut(&mut b.meshes[0].mesh).tangents = vec![Vec4::new(1.0, 0.0, 0.0, -1.0); 4];
@@ -217,7 +220,9 @@ fn a_base_colour_texture_on_the_second_coordinates() {
     let from = DVec3::new(-0.3, 0.5, 0.9).normalize();
     for (shift, texel) in [(-0.2f32, 51.0f32), (0.2, 204.0)] {
         let texture = Texture { uv_set: 1, ..nearest() };
-        let mut b = floor_scene(Material { base_color_texture: Some(texture), ..plastic() });
+        let mut floor = plastic();
+        floor.base_color.texture = Some(texture);
+        let mut b = floor_scene(floor);
         b.images.push(image(2, 1, vec![[51, 51, 51, 255], [204, 204, 204, 255]]));
         let mesh = Arc::make_mut(&mut b.meshes[0].mesh);
         mesh.uvs[1] = mesh.positions.iter().map(|p| Vec2::new(p.x + 0.5 + shift, 0.5)).collect();
@@ -234,9 +239,10 @@ fn an_alpha_mask_applies_to_camera_and_shadow_rays() {
     // light from straight above: the floor is lit in the right half only.
     let cut = |b: &mut SceneBuilder, height: f32| {
         b.images.push(image(2, 1, vec![[255, 255, 255, 255], [255, 255, 255, 100]]));
-        let alpha = ChannelTexture { texture: nearest(), channel: 3 };
+        let alpha = Texture { channel: 3, ..nearest() };
         let alpha_mode = AlphaMode::Mask { cutoff: 0.5 };
-        let m = b.add_material(Material { alpha_texture: Some(alpha), alpha_mode, ..black() });
+        let m =
+            b.add_material(Material { alpha: Parameter { factor: 1.0, texture: Some(alpha) }, alpha_mode, ..black() });
         b.add_object("mask", square(height, 1.0, false), m);
     };
     let mut b = SceneBuilder::default();
@@ -271,9 +277,9 @@ fn a_partly_transmitting_sheet_is_two_things_at_random() {
     // R' = 2R / (1+R) for both faces, R = 0.04. In front all is black.
     let mut b = SceneBuilder::default();
     let sheet = b.add_material(Material {
-        base_color: Rgb::splat(0.5),
-        roughness: 0.0,
-        transmission: 0.6,
+        base_color: Rgb::splat(0.5).into(),
+        roughness: 0.0.into(),
+        transmission: 0.6.into(),
         ..Material::default()
     });
     b.add_object("sheet", square(0.1, 0.5, false), sheet);
@@ -309,7 +315,7 @@ fn a_mirror_inside_an_absorbing_solid_is_passed_twice() {
     let mut b = SceneBuilder::default();
     let body = b.add_material(solid(1.0, color as f32, distance as f32));
     b.add_object("body", cuboid(Vec3::new(-0.2, -0.2, -0.1), Vec3::new(0.2, 0.2, depth as f32)), body);
-    let mirror = b.add_material(Material { metallic: 1.0, roughness: 0.0, ..Material::default() });
+    let mirror = b.add_material(Material { metallic: 1.0.into(), roughness: 0.0.into(), ..Material::default() });
     b.add_object("mirror", square(0.0, 0.3, false), mirror);
     b.environment = constant_sky(2.0);
     spot_camera(&mut b, DVec3::Z, DVec3::ZERO, 0.01);
@@ -341,7 +347,7 @@ fn a_rough_slab_is_a_random_walk_between_its_faces() {
     };
     let expected: SampleMoments = (0..200_000).map(walk).collect();
     let mut b = SceneBuilder::default();
-    let glass = b.add_material(Material { roughness: 0.4, ..solid(1.5, 1.0, f32::INFINITY) });
+    let glass = b.add_material(Material { roughness: 0.4.into(), ..solid(1.5, 1.0, f32::INFINITY) });
     b.add_object("plate", cuboid(Vec3::new(-10.0, -10.0, 0.0), Vec3::new(10.0, 10.0, 1e-3)), glass);
     b.environment = constant_sky(1.0);
     spot_camera(&mut b, DVec3::Z, DVec3::ZERO, 0.01);
@@ -356,8 +362,9 @@ fn glass_whose_metal_is_painted_away_is_glass() {
     // uniform sky. What is lost is given up at the silhouette, where normals disagree with facets.
     let mut b = SceneBuilder::default();
     b.images.push(image(1, 1, vec![[0, 0, 0, 255]]));
-    let metallic_texture = Some(ChannelTexture { texture: nearest(), channel: 2 });
-    let glass = b.add_material(Material { metallic: 1.0, metallic_texture, ..solid(1.5, 1.0, f32::INFINITY) });
+    let texture = Some(Texture { channel: 2, ..nearest() });
+    let glass =
+        b.add_material(Material { metallic: Parameter { factor: 1.0, texture }, ..solid(1.5, 1.0, f32::INFINITY) });
     b.add_object("ball", sphere(Vec3::ZERO, 0.5, 24, true), glass);
     b.environment = constant_sky(1.0);
     spot_camera(&mut b, DVec3::new(0.0, 0.3, 3.0), DVec3::ZERO, 0.5);
@@ -370,8 +377,9 @@ fn unlit_surfaces_show_their_colour_and_nothing_else() {
     // From both sides, under any light.
     let mut b = SceneBuilder::default();
     b.images.push(image(1, 1, vec![[51; 4]]));
-    let texture = Some(nearest());
-    let m = b.add_material(Material { unlit: true, base_color_texture: texture, ..plastic() });
+    let mut poster = Material { unlit: true, ..plastic() };
+    poster.base_color.texture = Some(nearest());
+    let m = b.add_material(poster);
     b.add_object("sign", square(0.0, 1.0, false), m);
     b.environment = constant_sky(3.0);
     sun(&mut b, DVec3::Z);

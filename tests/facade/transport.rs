@@ -20,7 +20,7 @@ fn check(builder: SceneBuilder, spp: f64, expected: f64, what: &str) {
 
 /// A rough grey plastic, as a material and as its BSDF.
 fn plastic() -> (Material, Bsdf) {
-    let material = Material { base_color: Rgb::splat(0.6), roughness: 0.4, ..Material::default() };
+    let material = Material { base_color: Rgb::splat(0.6).into(), roughness: 0.4.into(), ..Material::default() };
     let params = PrincipledParams { base_color: Rgb::splat(0.6), roughness: 0.4, eta: 1.5, ..Default::default() };
     (material, Bsdf::Principled(Principled::new(&params)))
 }
@@ -193,8 +193,8 @@ fn a_clear_slab_in_front_of_an_emitter() {
     };
     let pmma = b.add_material(Material {
         ior: ior as f32,
-        roughness: 0.0,
-        transmission: 1.0,
+        roughness: 0.0.into(),
+        transmission: 1.0.into(),
         surface: Surface::Solid(volume),
         ..Material::default()
     });
@@ -213,9 +213,9 @@ fn a_thin_sheet_passes_what_its_two_faces_leave() {
     // R' = 2R/(1+R), T' = 1 - R' times the tint; the sheet stands in front of an emitter.
     let mut b = SceneBuilder::default();
     let sheet = b.add_material(Material {
-        base_color: Rgb::splat(0.8),
-        roughness: 0.0,
-        transmission: 1.0,
+        base_color: Rgb::splat(0.8).into(),
+        roughness: 0.0.into(),
+        transmission: 1.0.into(),
         ..Material::default()
     });
     b.add_object("sheet", square(0.1, 0.5, false), sheet);
@@ -232,10 +232,10 @@ fn coverage_lets_light_pass_straight_and_in_shadows() {
     let (mut b, bsdf, wo) = floor_scene();
     let m = b.add_material(emitter(5.0));
     b.add_object("light", square(0.5, 0.2, true), m);
-    let veil = b.add_material(Material { alpha: 0.3, alpha_mode: AlphaMode::Blend, ..black() });
+    let veil = b.add_material(Material { alpha: 0.3.into(), alpha_mode: AlphaMode::Blend, ..black() });
     b.add_object("veil", square(0.45, 0.6, false), veil);
     b.add_object("lens cap", square(1.5, 6.0, false), veil);
-    let cutout = b.add_material(Material { alpha: 0.4, alpha_mode: AlphaMode::Mask { cutoff: 0.5 }, ..black() });
+    let cutout = b.add_material(Material { alpha: 0.4.into(), alpha_mode: AlphaMode::Mask { cutoff: 0.5 }, ..black() });
     b.add_object("cut out", square(0.3, 1.0, false), cutout);
     let expected = 0.7
         * 0.7

@@ -73,7 +73,7 @@ fn rough_pmma_lit_and_seen_along_its_surface() {
             for (seen, lit) in [(89.9f64, 89.9f64), (89.9, 45.0), (45.0, 89.9), (89.0, 89.9)] {
                 let [seen, lit, azimuth] = [seen, lit, azimuth].map(f64::to_radians);
                 let mut b = SceneBuilder::default();
-                let m = b.add_material(Material { roughness, ..absorbing(PMMA as f32, 0.0, 1e-6) });
+                let m = b.add_material(Material { roughness: roughness.into(), ..absorbing(PMMA as f32, 0.0, 1e-6) });
                 b.add_object("block", cuboid(Vec3::new(-0.5, -0.5, -0.1), Vec3::new(0.5, 0.5, 0.0)), m);
                 sun(&mut b, DVec3::new(lit.sin() * azimuth.cos(), lit.sin() * azimuth.sin(), lit.cos()));
                 spot(&mut b, 0.4 * DVec3::new(seen.sin(), 0.0, seen.cos()), DVec3::ZERO, 1e-5);

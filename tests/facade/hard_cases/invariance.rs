@@ -28,7 +28,7 @@ fn still_life(to_world: DAffine3) -> Scene {
     let mut b = SceneBuilder::default();
     let floor = b.add_material(plastic());
     b.add_object("floor", square(0.0, 2.0, false), floor);
-    let metal = b.add_material(Material { metallic: 1.0, roughness: 0.3, ..Material::default() });
+    let metal = b.add_material(Material { metallic: 1.0.into(), roughness: 0.3.into(), ..Material::default() });
     b.add_object("ball", sphere(Vec3::new(0.25, 0.0, 0.25), 0.2, 12, true), metal);
     let mut twin = b.instances[1].clone();
     twin.to_world = DAffine3::from_translation(DVec3::new(-0.5, 0.2, 0.0));

@@ -80,12 +80,18 @@ pub(crate) fn clear(ior: f32) -> Material {
 /// A smooth clear solid that leaves `color` of the light after `distance` \[m\].
 pub(crate) fn absorbing(ior: f32, color: f32, distance: f32) -> Material {
     let volume = Volume { attenuation_color: Rgb::splat(color), attenuation_distance: distance, ..Volume::default() };
-    Material { ior, roughness: 0.0, transmission: 1.0, surface: Surface::Solid(volume), ..Material::default() }
+    Material {
+        ior,
+        roughness: 0.0.into(),
+        transmission: 1.0.into(),
+        surface: Surface::Solid(volume),
+        ..Material::default()
+    }
 }
 
 /// A rough grey plastic.
 pub(crate) fn plastic() -> Material {
-    Material { base_color: Rgb::splat(0.6), roughness: 0.4, ..Material::default() }
+    Material { base_color: Rgb::splat(0.6).into(), roughness: 0.4.into(), ..Material::default() }
 }
 
 /// The BSDF of [`plastic`].

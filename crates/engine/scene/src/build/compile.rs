@@ -211,7 +211,7 @@ impl SceneBuilder {
             lost_digits.into_iter().for_each(|message| report.hazard(&place, message));
             let material = &self.materials[part.material];
             let health = if may_bound_a_volume(material) { healths.next() } else { None };
-            if material.transmission > 0.0 && material.metallic >= 1.0 && material.metallic_texture.is_none() {
+            if material.transmission.factor > 0.0 && material.is_metal() {
                 report.hazard(
                     &place,
                     format!("material \"{}\" is metal (metallic 1, glTF's default), so its transmission has no effect; set metallic to 0", material.name),
@@ -300,11 +300,8 @@ fn add_compiled_effects(effects: &mut Effects, has_nesting: bool, lights: &Light
 
 /// Does it matter whether a mesh of this material is closed?
 fn may_bound_a_volume(material: &Material) -> bool {
-    let passes = material.transmission > 0.0 || material.diffuse_transmission > 0.0;
-    match material.surface {
-        Surface::Thin => material.transmission > 0.0,
-        Surface::Solid(_) => passes,
-    }
+    let is_solid = matches!(material.surface, Surface::Solid(_));
+    material.transmission.factor > 0.0 || is_solid && material.diffuse_transmission.share.factor > 0.0
 }
 
 /// Is the mesh closed, other than a sheet that was modelled from both sides?

@@ -10,7 +10,8 @@ use dunkelfeld_scene::lamps::area;
 use dunkelfeld_scene::shapes::{cuboid, rectangle, sphere};
 use dunkelfeld_scene::{
     AlphaMode, ColorEncoding, EmissionProfile, Environment, EnvironmentSource, Filter, Image, ImageId, LampShape, Leds,
-    LightChoice, LightSamples, Material, PunctualKind, PunctualLight, Receivers, Scene, SceneBuilder, Texels, Texture,
+    LightChoice, LightSamples, Material, Parameter, PunctualKind, PunctualLight, Receivers, Scene, SceneBuilder,
+    Specular, Texels, Texture,
 };
 use dunkelfeld_testkit::{
     DensityTest, SampleMoments, direction_to_square, square_to_direction, student_t_test, welch_test, z_test,
@@ -22,7 +23,12 @@ const RATE: f64 = 1e-10;
 const ONE: LightChoice = LightChoice::One;
 
 fn emitter(radiance: f32) -> Material {
-    Material { base_color: Rgb::BLACK, specular: 0.0, emission: Rgb::splat(radiance), ..Material::default() }
+    Material {
+        base_color: Rgb::BLACK.into(),
+        specular: Specular::NONE,
+        emission: Rgb::splat(radiance).into(),
+        ..Material::default()
+    }
 }
 
 fn build(builder: SceneBuilder) -> Scene {
@@ -244,8 +250,8 @@ fn textured_emission_follows_its_texture_and_coverage() {
         let mut b = SceneBuilder::default();
         b.images.push(image.clone());
         let m = b.add_material(Material {
-            emission_texture: Some(texture),
-            alpha,
+            emission: Parameter { factor: Rgb::splat(5.0), texture: Some(texture) },
+            alpha: alpha.into(),
             alpha_mode: AlphaMode::Blend,
             ..emitter(5.0)
         });

@@ -5,7 +5,7 @@ use super::mtl::Mtl;
 use super::textures::Textures;
 use crate::import::warnings::Warnings;
 use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_scene::{AlphaMode, Material};
+use dunkelfeld_scene::{AlphaMode, Clearcoat, Material, NormalMap, Parameter, Specular, Texture};
 
 /// Diffuse reflectance of a material without one: light grey, so that unlit corners and bright faces are both visible.
 const GREY: f32 = 0.8;
@@ -19,7 +19,12 @@ pub(super) struct Converted {
 /// The material of faces without one, or with one that no library defines.
 pub(super) fn default_material(name: &str) -> Material {
     let name = if name.is_empty() { "default" } else { name };
-    Material { name: name.to_string(), base_color: Rgb::splat(GREY), specular: 0.0, ..Material::default() }
+    Material {
+        name: name.to_string(),
+        base_color: Rgb::splat(GREY).into(),
+        specular: Specular::NONE,
+        ..Material::default()
+    }
 }
 
 /// Converts a material whose library lies in `folder` (relative to the OBJ file; empty beside it).
@@ -27,23 +32,22 @@ pub(super) fn convert(m: &Mtl, folder: &str, textures: &mut Textures<'_>, warnin
     let place = format!("material \"{}\"", m.name);
     let is_pbr =
         m.roughness.is_some() || m.metallic.is_some() || m.maps.roughness.is_some() || m.maps.metallic.is_some();
-    let base_map = m.maps.diffuse.as_ref().and_then(|map| textures.color(map, folder, warnings));
-    let specular_map = m.maps.specular.as_ref().and_then(|map| textures.color(map, folder, warnings));
+    let base_map = textures.color(&m.maps.diffuse, folder, warnings);
+    let specular_map = textures.color(&m.maps.specular, folder, warnings);
     let diffuse = beside_map(m.diffuse, base_map.is_some(), "Kd", &place, warnings).unwrap_or([GREY; 3]);
     let specular =
         beside_map(m.specular, specular_map.is_some() && !is_pbr, "Ks", &place, warnings).unwrap_or([0.0; 3]);
     let mut out = Material {
         name: m.name.clone(),
-        base_color: rgb(diffuse),
-        base_color_texture: base_map,
+        base_color: Parameter { factor: rgb(diffuse), texture: base_map },
         ..Material::default()
     };
 
     let transmission = transmission(m);
     let transmissive = transmission.is_some();
     if let Some((share, tint)) = transmission {
-        out.transmission = share;
-        out.base_color = out.base_color.lerp(rgb(tint), share);
+        out.transmission = share.into();
+        out.base_color.factor = out.base_color.factor.lerp(rgb(tint), share);
     }
     if let Some(ior) = m.ior {
         // Many exporters write 0 or 1 for materials that never refract. Their highlights still need an interface.
@@ -56,55 +60,48 @@ pub(super) fn convert(m: &Mtl, folder: &str, textures: &mut Textures<'_>, warnin
 
     let is_mirror = !is_pbr && matches!(m.illumination, Some(3 | 8)) && largest(specular) > largest(diffuse);
     if is_mirror {
-        out.metallic = 1.0;
-        out.base_color = rgb(specular);
-        out.base_color_texture = specular_map;
+        out.metallic = 1.0.into();
+        out.base_color = Parameter { factor: rgb(specular), texture: specular_map };
     } else if is_pbr || transmissive {
         // Fresnel's equations determine the reflection. A colour for it would count twice.
-        out.specular = 1.0;
+        out.specular.strength = 1.0.into();
     } else if largest(specular) > 0.0 && !matches!(m.illumination, Some(0 | 1)) {
-        out.specular = largest(specular);
-        out.specular_color = rgb(specular) / largest(specular);
-        out.specular_color_texture = specular_map;
+        out.specular.strength = largest(specular).into();
+        out.specular.color = Parameter { factor: rgb(specular) / largest(specular), texture: specular_map };
     } else {
-        out.specular = 0.0;
+        out.specular.strength = 0.0.into();
     }
-    roughness(m, folder, transmissive, &mut out, textures, warnings);
+    out.roughness = roughness(m, folder, transmissive, textures, warnings);
 
-    out.metallic_texture = m.maps.metallic.as_ref().and_then(|map| textures.scalar(map, folder, warnings));
-    if let Some(metallic) = scalar_beside_map(m.metallic, out.metallic_texture.is_some()) {
-        out.metallic = metallic;
-    }
-    out.emission_texture = m.maps.emission.as_ref().and_then(|map| textures.color(map, folder, warnings));
-    let emission = beside_map(m.emission, out.emission_texture.is_some(), "Ke", &place, warnings);
-    out.emission = rgb(emission.unwrap_or([0.0; 3]));
-    out.sheen_color_texture = m.maps.sheen.as_ref().and_then(|map| textures.color(map, folder, warnings));
-    out.sheen_color = Rgb::splat(scalar_beside_map(m.sheen, out.sheen_color_texture.is_some()).unwrap_or(0.0));
-    out.clearcoat_texture = m.maps.clearcoat.as_ref().and_then(|map| textures.scalar(map, folder, warnings));
-    out.clearcoat = scalar_beside_map(m.clearcoat, out.clearcoat_texture.is_some()).unwrap_or(0.0);
-    out.clearcoat_roughness_texture =
-        m.maps.clearcoat_roughness.as_ref().and_then(|map| textures.scalar(map, folder, warnings));
-    out.clearcoat_roughness =
-        scalar_beside_map(m.clearcoat_roughness, out.clearcoat_roughness_texture.is_some()).unwrap_or(0.0);
-    out.anisotropy = m.anisotropy.unwrap_or(0.0);
-    out.anisotropy_rotation = std::f32::consts::TAU * m.anisotropy_rotation.unwrap_or(0.0);
+    let metallic_map = textures.linear(&m.maps.metallic, folder, warnings);
+    out.metallic = number(m.metallic, metallic_map, out.metallic.factor);
+    let emission_map = textures.color(&m.maps.emission, folder, warnings);
+    let emission = beside_map(m.emission, emission_map.is_some(), "Ke", &place, warnings);
+    out.emission = Parameter { factor: rgb(emission.unwrap_or([0.0; 3])), texture: emission_map };
+    let sheen = number(m.sheen, textures.color(&m.maps.sheen, folder, warnings), 0.0);
+    out.sheen.color = Parameter { factor: Rgb::splat(sheen.factor), texture: sheen.texture };
+    out.clearcoat = Clearcoat {
+        strength: number(m.clearcoat, textures.linear(&m.maps.clearcoat, folder, warnings), 0.0),
+        roughness: number(m.clearcoat_roughness, textures.linear(&m.maps.clearcoat_roughness, folder, warnings), 0.0),
+    };
+    out.anisotropy.strength = m.anisotropy.unwrap_or(0.0).into();
+    out.anisotropy.rotation = std::f32::consts::TAU * m.anisotropy_rotation.unwrap_or(0.0);
 
     if let Some(map) = &m.maps.normal {
-        out.normal_texture = textures.normals(map, folder, warnings);
-        out.normal_scale = map.bump;
+        out.normal_map.texture = textures.linear(&m.maps.normal, folder, warnings);
+        out.normal_map.scale = map.bump;
     } else if let Some(map) = &m.maps.bump
         && let Some((texture, scale)) = textures.bumps(map, folder, warnings)
     {
-        out.normal_texture = Some(texture);
-        out.normal_scale = scale;
+        out.normal_map = NormalMap { texture: Some(texture), scale };
     }
 
-    out.alpha_texture = m.maps.dissolve.as_ref().and_then(|map| textures.coverage(map, folder, warnings));
-    out.alpha = if transmissive { 1.0 } else { m.dissolve.unwrap_or(1.0) };
-    if out.alpha < 1.0 || out.alpha_texture.is_some() {
+    out.alpha.texture = textures.coverage(&m.maps.dissolve, folder, warnings);
+    out.alpha.factor = if transmissive { 1.0 } else { m.dissolve.unwrap_or(1.0) };
+    if out.alpha.factor < 1.0 || out.alpha.texture.is_some() {
         out.alpha_mode = AlphaMode::Blend;
     }
-    if out.alpha == 0.0 {
+    if out.alpha.factor == 0.0 {
         warnings.push(&place, "covers nothing (d 0 or Tr 1) and is invisible; if it should be visible, set d 1");
     }
     Converted { refracts: transmissive && out.ior != 1.0, material: out }
@@ -133,31 +130,25 @@ fn roughness(
     m: &Mtl,
     folder: &str,
     clear: bool,
-    out: &mut Material,
     textures: &mut Textures<'_>,
     warnings: &mut Warnings,
-) {
-    out.roughness_texture = m.maps.roughness.as_ref().and_then(|map| textures.scalar(map, folder, warnings));
-    if let Some(roughness) = scalar_beside_map(m.roughness, out.roughness_texture.is_some()) {
-        out.roughness = roughness;
-        return;
+) -> Parameter<f32> {
+    let map = textures.linear(&m.maps.roughness, folder, warnings);
+    if m.roughness.is_some() || map.is_some() {
+        return number(m.roughness, map, 1.0);
     }
     if clear {
-        out.roughness = 0.0;
-        return;
+        return 0.0.into();
     }
     if let Some(map) = &m.maps.exponent {
         // A map of exponents without a factor: 1000 is the largest exponent that programs of the format use.
         let factor = m.exponent.filter(|n| *n > 0.0).unwrap_or(1000.0);
-        out.roughness_texture = textures.exponents(map, folder, factor, warnings);
-        if out.roughness_texture.is_some() {
-            out.roughness = 1.0;
-            return;
+        let texture = textures.exponents(map, folder, factor, warnings);
+        if texture.is_some() {
+            return Parameter { factor: 1.0, texture };
         }
     }
-    if let Some(exponent) = m.exponent {
-        out.roughness = roughness_of_exponent(exponent);
-    }
+    m.exponent.map_or(Material::default().roughness, |exponent| roughness_of_exponent(exponent).into())
 }
 
 /// The factor of a colour that also has a map. Exporters often write black, which would hide the map.
@@ -178,8 +169,13 @@ fn beside_map(
     }
 }
 
-fn scalar_beside_map(factor: Option<f32>, has_map: bool) -> Option<f32> {
-    if has_map { Some(factor.filter(|v| *v > 0.0).unwrap_or(1.0)) } else { factor }
+/// A number that can have a map.
+fn number(factor: Option<f32>, texture: Option<Texture>, default: f32) -> Parameter<f32> {
+    let factor = match texture {
+        Some(_) => factor.filter(|v| *v > 0.0).unwrap_or(1.0),
+        None => factor.unwrap_or(default),
+    };
+    Parameter { factor, texture }
 }
 
 fn rgb(v: [f32; 3]) -> Rgb {

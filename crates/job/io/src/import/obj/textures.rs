@@ -7,7 +7,7 @@ use crate::import::warnings::Warnings;
 use crate::input::Role;
 use crate::loader::AssetLoader;
 use dunkelfeld_geometry::Vec2;
-use dunkelfeld_scene::{ChannelTexture, ColorEncoding, ImageId, Texture, TextureTransform, Wrap};
+use dunkelfeld_scene::{ColorEncoding, ImageId, Texture, TextureTransform, Wrap};
 use std::collections::HashMap;
 
 /// The conversion of an image file. Factors are stored as bits, so that they can be keys.
@@ -35,31 +35,27 @@ impl<'a> Textures<'a> {
     }
 
     /// A map of colours, in sRGB.
-    pub(super) fn color(&mut self, map: &Map, folder: &str, warnings: &mut Warnings) -> Option<Texture> {
+    pub(super) fn color(&mut self, map: &Option<Map>, folder: &str, warnings: &mut Warnings) -> Option<Texture> {
+        let map = map.as_ref()?;
         let image = self.find(map, folder, Variant::AsStored, warnings)?;
         Some(self.texture(map, image, true))
     }
 
-    /// A map of numbers, in the red channel.
-    pub(super) fn scalar(&mut self, map: &Map, folder: &str, warnings: &mut Warnings) -> Option<ChannelTexture> {
+    /// A map of numbers, in the red channel, or a normal map, used as it is.
+    pub(super) fn linear(&mut self, map: &Option<Map>, folder: &str, warnings: &mut Warnings) -> Option<Texture> {
+        let map = map.as_ref()?;
         let image = self.find(map, folder, Variant::AsStored, warnings)?;
-        Some(ChannelTexture { texture: self.texture(map, image, false), channel: 0 })
+        Some(self.texture(map, image, false))
     }
 
     /// A map of coverage: alpha if the image has it, else red.
-    pub(super) fn coverage(&mut self, map: &Map, folder: &str, warnings: &mut Warnings) -> Option<ChannelTexture> {
-        let mut found = self.scalar(map, folder, warnings)?;
-        let image = self.store.image(found.texture.image);
+    pub(super) fn coverage(&mut self, map: &Option<Map>, folder: &str, warnings: &mut Warnings) -> Option<Texture> {
+        let mut found = self.linear(map, folder, warnings)?;
+        let image = self.store.image(found.image);
         if image.is_some_and(bake::has_alpha) {
             found.channel = 3;
         }
         Some(found)
-    }
-
-    /// A normal map, used as it is.
-    pub(super) fn normals(&mut self, map: &Map, folder: &str, warnings: &mut Warnings) -> Option<Texture> {
-        let image = self.find(map, folder, Variant::AsStored, warnings)?;
-        Some(self.texture(map, image, false))
     }
 
     /// A normal map from a bump map, and the factor for its x and y.
@@ -78,10 +74,10 @@ impl<'a> Textures<'a> {
         folder: &str,
         factor: f32,
         warnings: &mut Warnings,
-    ) -> Option<ChannelTexture> {
+    ) -> Option<Texture> {
         let variant = Variant::RoughnessOfExponents { factor: factor.to_bits() };
         let image = self.find(map, folder, variant, warnings)?;
-        Some(ChannelTexture { texture: self.texture(map, image, false), channel: 0 })
+        Some(self.texture(map, image, false))
     }
 
     /// A texture with the map's options. The coordinates of OBJ are `scale * uv + offset` with v upwards. Ours point
