@@ -29,8 +29,12 @@ fn main() -> Result<(), dunkelfeld::Error> {
 /// Renders the part with a shutter, and writes the image.
 fn save(shutter: Shutter, path: &str) -> Result<(), dunkelfeld::Error> {
     let mut builder = SceneBuilder::default();
-    let grey = builder.add_material(Material { base_color: Rgb::splat(0.5), roughness: 0.4, ..Material::default() });
-    let dark = builder.add_material(Material { base_color: Rgb::splat(0.05), ..Material::default() });
+    let grey = builder.add_material(Material {
+        base_color: Rgb::splat(0.5).into(),
+        roughness: 0.4.into(),
+        ..Material::default()
+    });
+    let dark = builder.add_material(Material { base_color: Rgb::splat(0.05).into(), ..Material::default() });
     builder.add_object("belt", shapes::rectangle(Vec3::new(-1.0, -1.0, 0.0), Vec3::X * 2.0, Vec3::Y * 2.0), dark);
     for i in 0..5 {
         let low = Vec3::new(-0.01 + 0.004 * i as f32, -0.008 + 0.003 * i as f32, 0.0001);

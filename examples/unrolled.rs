@@ -30,16 +30,20 @@ fn main() -> Result<(), dunkelfeld::Error> {
 
     // A scene: a glass ball and a brass box on a dark table, one ring-like pair of lights at grazing angles.
     let mut builder = SceneBuilder::default();
-    let table = builder.add_material(Material { base_color: Rgb::splat(0.03), roughness: 0.35, ..Material::default() });
+    let table = builder.add_material(Material {
+        base_color: Rgb::splat(0.03).into(),
+        roughness: 0.35.into(),
+        ..Material::default()
+    });
     let brass = builder.add_material(Material {
-        base_color: Rgb::new(0.89, 0.69, 0.35),
-        metallic: 1.0,
-        roughness: 0.25,
+        base_color: Rgb::new(0.89, 0.69, 0.35).into(),
+        metallic: 1.0.into(),
+        roughness: 0.25.into(),
         ..Material::default()
     });
     let glass = builder.add_material(Material {
-        roughness: 0.0,
-        transmission: 1.0,
+        roughness: 0.0.into(),
+        transmission: 1.0.into(),
         ior: 1.49,
         surface: Surface::Solid(Volume {
             attenuation_color: Rgb::new(0.9, 0.95, 0.92),
@@ -48,8 +52,11 @@ fn main() -> Result<(), dunkelfeld::Error> {
         }),
         ..Material::default()
     });
-    let lamp =
-        builder.add_material(Material { base_color: Rgb::BLACK, emission: Rgb::splat(40.0), ..Material::default() });
+    let lamp = builder.add_material(Material {
+        base_color: Rgb::BLACK.into(),
+        emission: Rgb::splat(40.0).into(),
+        ..Material::default()
+    });
     builder.add_object("table", shapes::rectangle(Vec3::new(-0.5, 0.0, 0.5), Vec3::X, Vec3::NEG_Z), table);
     builder.add_object("box", shapes::cuboid(Vec3::new(-0.08, 0.0001, -0.03), Vec3::new(-0.02, 0.05, 0.03)), brass);
     builder.add_object("ball", shapes::sphere(Vec3::new(0.04, 0.0301, 0.01), 0.03, 48, true), glass);

@@ -3,9 +3,9 @@
 use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, RigidMotion, Vec2, Vec3, Vec4};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{
-    AlphaMode, Aperture, ChannelTexture, ColorEncoding, Effect, EmissionProfile, Environment, EnvironmentSource,
-    Finish, Image, ImageId, LightProfile, LineScan, Material, Opening, Process, PunctualKind, PunctualLight, Scene,
-    SceneBuilder, Shutter, Surface, Texels, Texture, Volume,
+    AlphaMode, Aperture, ColorEncoding, Effect, EmissionProfile, Environment, EnvironmentSource, Finish, Image,
+    ImageId, LightProfile, LineScan, Material, Opening, Process, PunctualKind, PunctualLight, Scene, SceneBuilder,
+    Shutter, Surface, Texels, Texture, Volume,
 };
 use std::sync::Arc;
 
@@ -106,9 +106,14 @@ impl Case {
 /// Grey matt and metal boxes between three walls, under three rectangular panels.
 fn plain() -> SceneBuilder {
     let mut b = SceneBuilder::default();
-    let matt = Material { name: "matt".into(), base_color: Rgb::splat(0.6), roughness: 0.6, ..Material::default() };
-    let metal = Material { name: "metal".into(), metallic: 1.0, roughness: 0.3, ..matt.clone() };
-    let panel = Material { name: "panel".into(), emission: Rgb::splat(4.0), ..matt.clone() };
+    let matt = Material {
+        name: "matt".into(),
+        base_color: Rgb::splat(0.6).into(),
+        roughness: 0.6.into(),
+        ..Material::default()
+    };
+    let metal = Material { name: "metal".into(), metallic: 1.0.into(), roughness: 0.3.into(), ..matt.clone() };
+    let panel = Material { name: "panel".into(), emission: Rgb::splat(4.0).into(), ..matt.clone() };
     let [matt, metal, panel] = [matt, metal, panel].map(|m| b.add_material(m));
     let (x, y, z) = (Vec3::X * 2.0, Vec3::Y * 2.0, Vec3::Z);
     let corner = Vec3::new(-1.0, -1.0, 0.0);
@@ -160,8 +165,8 @@ fn cuboid(low: Vec3, high: Vec3) -> Mesh {
 fn put_in_use(b: &mut SceneBuilder, effect: Effect) -> Result<(), String> {
     let clear = |volume: Volume, roughness: f32| Material {
         name: "clear".into(),
-        transmission: 1.0,
-        roughness,
+        transmission: 1.0.into(),
+        roughness: roughness.into(),
         surface: Surface::Solid(volume),
         ..Material::default()
     };
@@ -169,7 +174,7 @@ fn put_in_use(b: &mut SceneBuilder, effect: Effect) -> Result<(), String> {
     match effect {
         Effect::Textures => {
             let white = texture(b, [1.0; 3]);
-            b.materials.iter_mut().for_each(|m| m.base_color_texture = Some(white));
+            b.materials.iter_mut().for_each(|m| m.base_color.texture = Some(white));
         }
         Effect::VertexColors => {
             for part in &mut b.meshes {
@@ -179,7 +184,7 @@ fn put_in_use(b: &mut SceneBuilder, effect: Effect) -> Result<(), String> {
         }
         Effect::NormalMaps => {
             let flat = texture(b, [0.5, 0.5, 1.0]);
-            b.materials.iter_mut().for_each(|m| m.normal_texture = Some(flat));
+            b.materials.iter_mut().for_each(|m| m.normal_map.texture = Some(flat));
         }
         Effect::SmoothNormals => {
             for mesh in b.meshes.iter_mut().map(|part| Arc::make_mut(&mut part.mesh)) {
@@ -193,23 +198,23 @@ fn put_in_use(b: &mut SceneBuilder, effect: Effect) -> Result<(), String> {
             let texture = texture(b, [1.0; 3]);
             for m in &mut b.materials {
                 m.alpha_mode = AlphaMode::Blend;
-                m.alpha_texture = Some(ChannelTexture { texture, channel: 0 });
+                m.alpha.texture = Some(texture);
             }
         }
-        Effect::ThinSheets => b.materials[0].transmission = FAINT,
-        Effect::DiffuseTransmission => b.materials[0].diffuse_transmission = FAINT,
+        Effect::ThinSheets => b.materials[0].transmission.factor = FAINT,
+        Effect::DiffuseTransmission => b.materials[0].diffuse_transmission.share.factor = FAINT,
         Effect::SmoothRefraction => hide(b, &clear(volume, 0.0), 1),
         Effect::RoughRefraction => hide(b, &clear(volume, 0.3), 1),
         Effect::Nesting => hide(b, &clear(volume, 0.0), 2),
         Effect::Absorption => hide(b, &clear(Volume { absorption: Rgb::WHITE, ..volume }, 0.0), 1),
         Effect::Scattering => hide(b, &clear(Volume { scattering: Rgb::WHITE, ..volume }, 0.0), 1),
-        Effect::Anisotropy => b.materials.iter_mut().for_each(|m| m.anisotropy = FAINT),
+        Effect::Anisotropy => b.materials.iter_mut().for_each(|m| m.anisotropy.strength.factor = FAINT),
         Effect::Finish => {
             let finish = Finish { process: Process::Grained { size: 1e-4 }, mean_deviation: 1e-12, seed: 0 };
             b.materials.iter_mut().for_each(|m| m.finish = Some(finish));
         }
-        Effect::Sheen => b.materials.iter_mut().for_each(|m| m.sheen_color = Rgb::splat(FAINT)),
-        Effect::Clearcoat => b.materials.iter_mut().for_each(|m| m.clearcoat = FAINT),
+        Effect::Sheen => b.materials.iter_mut().for_each(|m| m.sheen.color.factor = Rgb::splat(FAINT)),
+        Effect::Clearcoat => b.materials.iter_mut().for_each(|m| m.clearcoat.strength.factor = FAINT),
         Effect::EnergyCompensation => b.energy_compensation = true,
         Effect::FiniteAperture => {
             let opening = Opening::Radius(1e-6);
@@ -247,7 +252,7 @@ fn put_in_use(b: &mut SceneBuilder, effect: Effect) -> Result<(), String> {
                 *mesh = faces(&(0..25).map(piece).collect::<Vec<_>>());
             }
         }
-        Effect::Color => b.materials[0].base_color.b *= 1.0 - FAINT,
+        Effect::Color => b.materials[0].base_color.factor.b *= 1.0 - FAINT,
         // The plain scene has three lights, and the bench trains for this case only.
         Effect::EveryLight | Effect::LearnedRoulette => {}
         Effect::CoverConnection => {

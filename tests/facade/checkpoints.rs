@@ -29,12 +29,12 @@ const TILE: u32 = 16;
 
 fn room(light: f32) -> Scene {
     let mut b = SceneBuilder::default();
-    let floor = b.add_material(Material { base_color: Rgb::new(0.7, 0.5, 0.3), ..Material::default() });
+    let floor = b.add_material(Material { base_color: Rgb::new(0.7, 0.5, 0.3).into(), ..Material::default() });
     b.add_object("floor", square(0.0, 2.0, false), floor);
     b.add(
         "ball",
         sphere(Vec3::new(0.2, 0.0, 0.25), 0.2, 12, true),
-        Material { metallic: 1.0, roughness: 0.3, ..Material::default() },
+        Material { metallic: 1.0.into(), roughness: 0.3.into(), ..Material::default() },
     );
     b.add_object("box", cuboid(Vec3::new(-0.5, -0.2, 0.01), Vec3::new(-0.1, 0.2, 0.3)), floor);
     b.add("light", square(1.0, 0.5, true), emitter(light));

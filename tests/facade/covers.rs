@@ -17,8 +17,8 @@ fn clear(ior: f32) -> Material {
     let volume = Volume { absorption: Rgb::new(20.0, 23.0, 30.0), ..Volume::default() };
     Material {
         name: format!("clear {ior}"),
-        transmission: 1.0,
-        roughness: 0.0,
+        transmission: 1.0.into(),
+        roughness: 0.0.into(),
         ior,
         surface: Surface::Solid(volume),
         ..Material::default()
@@ -26,7 +26,7 @@ fn clear(ior: f32) -> Material {
 }
 
 fn paint() -> Material {
-    Material { name: "paint".into(), base_color: Rgb::splat(0.7), roughness: 0.9, ..Material::default() }
+    Material { name: "paint".into(), base_color: Rgb::splat(0.7).into(), roughness: 0.9.into(), ..Material::default() }
 }
 
 /// A plate of 160 mm x 160 mm between two heights.
@@ -186,11 +186,11 @@ fn the_sky_through_a_cover() {
 fn receivers_under_a_cover() {
     let cover = || ("cover", plate(0.004, 0.008), clear(1.49));
     let tilted = || rectangle(Vec3::new(-0.02, -0.02, 0.003), Vec3::new(0.04, 0.0, -0.016), Vec3::Y * 0.04);
-    let metal = Material { name: "metal".into(), metallic: 1.0, roughness: 0.35, ..paint() };
+    let metal = Material { name: "metal".into(), metallic: 1.0.into(), roughness: 0.35.into(), ..paint() };
     let ink = Material {
         name: "ink".into(),
-        base_color: Rgb::splat(0.05),
-        alpha: 0.6,
+        base_color: Rgb::splat(0.05).into(),
+        alpha: 0.6.into(),
         alpha_mode: AlphaMode::Blend,
         ..paint()
     };
@@ -214,7 +214,7 @@ fn a_scattering_thermoplastic_that_touches_the_cover() {
             scattering_anisotropy: 0.5,
             ..Volume::default()
         };
-        Material { name: "milky".into(), roughness, surface: Surface::Solid(volume), ..clear(ior) }
+        Material { name: "milky".into(), roughness: roughness.into(), surface: Surface::Solid(volume), ..clear(ior) }
     };
     let body = || plate(-0.02, 0.001);
     for (what, roughness, ior) in

@@ -6,13 +6,18 @@ use crate::support::{Add, build, clear, emitter, film, settings, spot_camera, sq
 use dunkelfeld::film::Film;
 use dunkelfeld::geometry::{DVec3, Vec3};
 use dunkelfeld::radiometry::Rgb;
-use dunkelfeld::scene::{Material, Scene, SceneBuilder, shapes};
+use dunkelfeld::scene::{Material, Scene, SceneBuilder, Specular, shapes};
 use dunkelfeld::{Cancel, DenoiseMethod, Progress, ProgressState, Project, Stage};
 
 /// A red floor with its normal along +z, behind a cover or in a mirror. The lamp is outside of the view.
 fn scene(camera: (DVec3, DVec3), add: impl FnOnce(&mut SceneBuilder)) -> Scene {
     let mut b = SceneBuilder::default();
-    let floor = Material { base_color: Rgb::new(0.8, 0.2, 0.1), specular: 0.0, roughness: 1.0, ..Material::default() };
+    let floor = Material {
+        base_color: Rgb::new(0.8, 0.2, 0.1).into(),
+        specular: Specular::NONE,
+        roughness: 1.0.into(),
+        ..Material::default()
+    };
     b.add("floor", square(0.0, 4.0, false), floor);
     b.add("lamp", shapes::rectangle(Vec3::new(1.9, 1.0, 1.0), Vec3::Y * -2.0, Vec3::Z), emitter(5.0));
     add(&mut b);
@@ -53,7 +58,7 @@ fn layers_show_what_lies_behind_clear_covers_and_in_mirrors() {
             );
         }
     };
-    let (albedo, normal, depth, variance) = of(&scene(down, cover(0.0)));
+    let (albedo, normal, depth, variance) = of(&scene(down, cover(0.0.into())));
     let ratio = |c: usize| albedo[c] / bare.0[c];
     assert!((0.85..1.6).contains(&ratio(0)), "red stays red: {albedo:?}");
     assert!(albedo[0] - albedo[1] > 0.85 * (bare.0[0] - bare.0[1]), "{albedo:?} of {:?}", bare.0);
@@ -61,15 +66,19 @@ fn layers_show_what_lies_behind_clear_covers_and_in_mirrors() {
     // The mixture of both is noisy, and the variance of the film shows it: about 8 % of other colour over 64 samples.
     assert!(variance > 1e-5 && variance < 1e-2, "{variance}");
     // A rough cover is the first surface itself.
-    let rough = of(&scene(down, cover(0.4)));
+    let rough = of(&scene(down, cover(0.4.into())));
     assert!((rough.2 - 0.5).abs() < 1e-3 && (rough.0[0] - rough.0[1]).abs() < 1e-3, "{rough:?}");
 
     // A mirror upright at x = 1 shows the floor: 1 m to the mirror, and as far again.
     let aslant = (DVec3::new(0.0, 0.0, 1.0), DVec3::new(1.0, 0.0, 0.5));
-    let mirror = |roughness| {
+    let mirror = |roughness: f32| {
         move |b: &mut SceneBuilder| {
-            let metal =
-                b.add_material(Material { metallic: 1.0, base_color: Rgb::WHITE, roughness, ..Material::default() });
+            let metal = b.add_material(Material {
+                metallic: 1.0.into(),
+                base_color: Rgb::WHITE.into(),
+                roughness: roughness.into(),
+                ..Material::default()
+            });
             b.add_object("mirror", shapes::rectangle(Vec3::new(1.0, 0.9, 0.1), Vec3::Y * -1.8, Vec3::Z * 0.8), metal);
         }
     };

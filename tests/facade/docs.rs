@@ -380,7 +380,7 @@ fn the_materials_page_states_what_becomes_of_every_material_extension() {
 /// A lamp that fills the view.
 fn lamp() -> Scene {
     let mut b = SceneBuilder::default();
-    b.add("lamp", square(0.0, 1.0, false), Material { emission: Rgb::new(1.0, 2.0, 3.0), ..emitter(1.0) });
+    b.add("lamp", square(0.0, 1.0, false), Material { emission: Rgb::new(1.0, 2.0, 3.0).into(), ..emitter(1.0) });
     spot_camera(&mut b, DVec3::new(0.0, 0.0, 1.0), DVec3::ZERO, 0.25);
     build(b)
 }

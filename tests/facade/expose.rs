@@ -232,7 +232,11 @@ fn known_noise_of_an_image_is_taken_out_of_the_cameras() {
 fn lit_floor(sensor: SensorModel, noise: ExposureNoise) -> (dunkelfeld::Rendering, RenderSettings) {
     let mut b = dunkelfeld::scene::SceneBuilder::default();
     let base_color = Rgb::new(0.7, 0.4, 0.2);
-    b.add("floor", square(0.0, 2.4, false), dunkelfeld::scene::Material { base_color, ..Default::default() });
+    b.add(
+        "floor",
+        square(0.0, 2.4, false),
+        dunkelfeld::scene::Material { base_color: base_color.into(), ..Default::default() },
+    );
     b.add("lamp", square(1.2, 0.8, true), emitter(20.0));
     b.add_camera("camera", DVec3::new(1.1, -2.0, 1.1), DVec3::new(0.0, 0.0, 0.1), 0.7);
     let optics = Optics::new(4.0, 0.9, 0.0).expect("in range");

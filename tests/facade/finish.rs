@@ -4,7 +4,7 @@ use crate::support::{RATE, build, emitter, film, settings, spot_camera};
 use dunkelfeld::geometry::{DAffine3, DVec3, Mesh, Vec3};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::{
-    Camera, Finish, Grain, Material, Process, Projection, Scene, SceneBuilder, look_at, shapes::rectangle,
+    Anisotropy, Camera, Finish, Grain, Material, Process, Projection, Scene, SceneBuilder, look_at, shapes::rectangle,
 };
 use dunkelfeld_testkit::z_test;
 
@@ -18,7 +18,13 @@ const STEEPEST: f32 = 0.12;
 const DEVIATION: f32 = 0.256_600_1;
 
 fn metal(finish: Option<Finish>) -> Material {
-    Material { base_color: Rgb::splat(0.9), metallic: 1.0, roughness: 0.2, finish, ..Material::default() }
+    Material {
+        base_color: Rgb::splat(0.9).into(),
+        metallic: 1.0.into(),
+        roughness: 0.2.into(),
+        finish,
+        ..Material::default()
+    }
 }
 
 /// Cusps along x with a feed \[m\].
@@ -123,8 +129,13 @@ fn no_light_is_lost() {
         Process::Grained { size: 0.002 },
     ] {
         let finish = Finish { process, mean_deviation: 2e-5, seed: 3 };
-        let white =
-            |finish| Material { base_color: Rgb::WHITE, metallic: 1.0, roughness: 0.1, finish, ..Material::default() };
+        let white = |finish| Material {
+            base_color: Rgb::WHITE.into(),
+            metallic: 1.0.into(),
+            roughness: 0.1.into(),
+            finish,
+            ..Material::default()
+        };
         let render = |finish| {
             let mut b = SceneBuilder { energy_compensation: true, ..SceneBuilder::default() };
             let m = b.add_material(white(finish));
@@ -146,8 +157,8 @@ fn no_light_is_lost() {
 /// its grain.
 #[test]
 fn grain_is_in_the_frame_of_the_object() {
-    let brushed =
-        |grain| Material { anisotropy: 0.9, roughness: 0.4, grain: Some(Grain::Straight(grain)), ..metal(None) };
+    let anisotropy = |grain| Anisotropy { strength: 0.9.into(), grain: Some(Grain::Straight(grain)), rotation: 0.0 };
+    let brushed = |grain| Material { anisotropy: anisotropy(grain), roughness: 0.4.into(), ..metal(None) };
     let turned_by = |quarters: f64, grain: Vec3, seed: u64| {
         let mut b = SceneBuilder::default();
         let m = b.add_material(brushed(grain));

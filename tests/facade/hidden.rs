@@ -10,7 +10,7 @@ use dunkelfeld::film::{Film, Plane};
 use dunkelfeld::geometry::{DVec3, Vec3};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::shapes::{cuboid, sphere};
-use dunkelfeld::scene::{Material, Scene, SceneBuilder};
+use dunkelfeld::scene::{Material, Scene, SceneBuilder, Specular};
 use dunkelfeld::{
     Budget, Frame, Progress, ProgressState, Project, RenderSettings, Rendering, SensorChoice, Session, develop,
     develop_film, render,
@@ -26,9 +26,13 @@ fn still_life() -> Scene {
     b.add(
         "floor",
         square(0.0, 1.2, false),
-        Material { base_color: Rgb::new(0.6, 0.5, 0.4), specular: 0.0, ..Material::default() },
+        Material { base_color: Rgb::new(0.6, 0.5, 0.4).into(), specular: Specular::NONE, ..Material::default() },
     );
-    let white = b.add_material(Material { base_color: Rgb::splat(0.8), specular: 0.0, ..Material::default() });
+    let white = b.add_material(Material {
+        base_color: Rgb::splat(0.8).into(),
+        specular: Specular::NONE,
+        ..Material::default()
+    });
     b.add_object("box", cuboid(Vec3::new(-0.4, -0.2, 0.01), Vec3::new(-0.1, 0.2, 0.3)), white);
     b.add_object("ball", sphere(Vec3::new(0.2, 0.0, 0.2), 0.18, 12, true), white);
     b.add("light", square(1.0, 0.4, true), emitter(30.0));

@@ -20,11 +20,15 @@ fn room() -> Scene {
 
 fn objects() -> SceneBuilder {
     let mut b = SceneBuilder::default();
-    b.add("floor", square(0.0, 2.0, false), Material { base_color: Rgb::new(0.7, 0.5, 0.3), ..Material::default() });
+    b.add(
+        "floor",
+        square(0.0, 2.0, false),
+        Material { base_color: Rgb::new(0.7, 0.5, 0.3).into(), ..Material::default() },
+    );
     let volume = Volume { attenuation_color: Rgb::new(0.9, 0.8, 0.7), attenuation_distance: 0.1, ..Volume::default() };
     let glass = b.add_material(Material {
-        roughness: 0.0,
-        transmission: 1.0,
+        roughness: 0.0.into(),
+        transmission: 1.0.into(),
         surface: Surface::Solid(volume),
         ..Material::default()
     });
@@ -32,7 +36,7 @@ fn objects() -> SceneBuilder {
     b.add(
         "box",
         cuboid(Vec3::new(-0.5, -0.2, 0.01), Vec3::new(-0.1, 0.2, 0.3)),
-        Material { metallic: 1.0, roughness: 0.3, ..Material::default() },
+        Material { metallic: 1.0.into(), roughness: 0.3.into(), ..Material::default() },
     );
     b.add("light", square(1.0, 0.5, true), emitter(8.0));
     b.add_camera("camera", DVec3::new(0.3, -1.5, 0.9), DVec3::new(0.0, 0.0, 0.15), 0.7);
@@ -89,7 +93,7 @@ fn a_hidden_medium_does_not_change_the_image() {
             b.add(
                 "fog",
                 sphere(Vec3::new(0.0, 0.0, -0.4), 0.1, 8, true),
-                Material { transmission: 1.0, surface, ..Material::default() },
+                Material { transmission: 1.0.into(), surface, ..Material::default() },
             );
         }
         let scene = build(b);
@@ -155,7 +159,7 @@ fn a_timed_render_replays_to_the_same_bits() {
 fn invalid_samples_are_counted_and_named() {
     // A light beyond the range of f32 squared: the throughput overflows somewhere.
     let mut b = SceneBuilder::default();
-    b.add("light", square(0.0, 1.0, false), Material { emission: Rgb::splat(f32::MAX), ..emitter(1.0) });
+    b.add("light", square(0.0, 1.0, false), Material { emission: Rgb::splat(f32::MAX).into(), ..emitter(1.0) });
     b.add_camera("camera", DVec3::Z, DVec3::ZERO, 0.5);
     let r = rendered(&build(b), &settings(8, 8, 4.0, 0));
     assert_eq!(r.film.sums.invalid_samples(), 8 * 8 * 4);

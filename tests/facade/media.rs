@@ -8,13 +8,21 @@ use dunkelfeld::film::Film;
 use dunkelfeld::geometry::{DAffine3, DQuat, DVec3, Mesh, Vec3};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::shapes::{cuboid, sphere};
-use dunkelfeld::scene::{Material, PunctualKind, PunctualLight, Scene, SceneBuilder, Surface, Volume};
+use dunkelfeld::scene::{
+    DiffuseTransmission, Material, PunctualKind, PunctualLight, Scene, SceneBuilder, Specular, Surface, Volume,
+};
 use dunkelfeld_testkit::{Claim, SampleMoments, z_test};
 use std::f64::consts::PI;
 
 /// A smooth clear body of a volume.
 fn body(ior: f32, volume: Volume) -> Material {
-    Material { ior, roughness: 0.0, transmission: 1.0, surface: Surface::Solid(volume), ..Material::default() }
+    Material {
+        ior,
+        roughness: 0.0.into(),
+        transmission: 1.0.into(),
+        surface: Surface::Solid(volume),
+        ..Material::default()
+    }
 }
 
 fn scattering(absorption: Rgb, scattering: Rgb, g: f32) -> Volume {
@@ -59,7 +67,7 @@ fn a_matched_slab_transmits_by_beer_and_lambert() {
         b.add(
             "slab",
             cuboid(Vec3::new(-1.0, -1.0, 0.0), Vec3::new(1.0, 1.0, 0.05)),
-            Material { roughness, ..body(1.0, volume) },
+            Material { roughness: roughness.into(), ..body(1.0, volume) },
         );
         b.environment = sky(2.0);
         spot_camera(&mut b, DVec3::Z, DVec3::ZERO, 0.1);
@@ -82,7 +90,12 @@ fn a_matched_slab_transmits_by_beer_and_lambert() {
 fn light_connects_straight_through_matched_solids() {
     // A point light above a floor, with a matched absorbing cube between, tinted at each face by the root of 0.64. Nothing is
     // random but the place in a tiny pixel.
-    let floor = Material { base_color: Rgb::splat(0.6), specular: 0.0, roughness: 1.0, ..Material::default() };
+    let floor = Material {
+        base_color: Rgb::splat(0.6).into(),
+        specular: Specular::NONE,
+        roughness: 1.0.into(),
+        ..Material::default()
+    };
     let render = |with_cube: bool| {
         let mut b = SceneBuilder::default();
         b.add("floor", square(0.0, 4.0, false), floor.clone());
@@ -90,7 +103,7 @@ fn light_connects_straight_through_matched_solids() {
             b.add(
                 "cube",
                 cuboid(Vec3::new(-0.1, -0.1, 0.2), Vec3::new(0.1, 0.1, 0.3)),
-                Material { base_color: Rgb::splat(0.64), ..body(1.0, absorbing(7.0)) },
+                Material { base_color: Rgb::splat(0.64).into(), ..body(1.0, absorbing(7.0)) },
             );
         }
         let kind = PunctualKind::Point { intensity: Rgb::splat(2.0) };
@@ -361,7 +374,10 @@ fn camera_at_origin() -> dunkelfeld::scene::Camera {
 fn a_translucent_sheet_passes_its_share() {
     // Black in reflection: of the light on its back it passes share times colour, after Lambert. A point lamp behind the sheet,
     // at distance d under what is seen: E = I / d^2, L = share colour E / pi. In a uniform sky of 1: share times colour.
-    let paper = Material { diffuse_transmission: 0.6, diffuse_transmission_color: Rgb::splat(0.5), ..black() };
+    let paper = Material {
+        diffuse_transmission: DiffuseTransmission { share: 0.6.into(), color: Rgb::splat(0.5).into() },
+        ..black()
+    };
     let mut b = SceneBuilder::default();
     b.add("sheet", square(0.0, 1.0, false), paper.clone());
     let kind = PunctualKind::Point { intensity: Rgb::splat(2.0) };

@@ -172,11 +172,15 @@ fn the_modulation_of_a_moving_grating_is_the_sinc_of_its_travel() {
 /// the part.
 fn turning(pose: DAffine3, motion: RigidMotion) -> SceneBuilder {
     let mut b = SceneBuilder::default();
-    let grey = b.add_material(Material { base_color: Rgb::new(0.7, 0.5, 0.3), roughness: 0.6, ..Material::default() });
+    let grey = b.add_material(Material {
+        base_color: Rgb::new(0.7, 0.5, 0.3).into(),
+        roughness: 0.6.into(),
+        ..Material::default()
+    });
     let volume = Volume { absorption: Rgb::new(5.0, 10.0, 20.0), ..Volume::default() };
     let glass = b.add_material(Material {
-        transmission: 1.0,
-        roughness: 0.25,
+        transmission: 1.0.into(),
+        roughness: 0.25.into(),
         ior: 1.5,
         surface: Surface::Solid(volume),
         ..Material::default()
@@ -350,15 +354,19 @@ fn auxiliary_layers_follow_the_motion() {
 #[test]
 fn connections_through_covers_stay_unbiased_beside_moving_parts() {
     let clear = Material {
-        transmission: 1.0,
-        roughness: 0.0,
+        transmission: 1.0.into(),
+        roughness: 0.0.into(),
         ior: 1.49,
         surface: Surface::Solid(Volume::default()),
         ..Material::default()
     };
     let set_up = |cover_moves: bool| {
         let mut b = SceneBuilder::default();
-        let paint = b.add_material(Material { base_color: Rgb::splat(0.7), roughness: 0.9, ..Material::default() });
+        let paint = b.add_material(Material {
+            base_color: Rgb::splat(0.7).into(),
+            roughness: 0.9.into(),
+            ..Material::default()
+        });
         let clear = b.add_material(clear.clone());
         let lamp = b.add_material(emitter(5.0));
         b.add_object("floor", square(0.0, 0.3, false), paint);

@@ -15,7 +15,11 @@ use dunkelfeld_io::layers::{Single, Triple};
 /// Half of the view shows a lit floor, 2 m below the camera; the other half shows nothing.
 fn floor_and_void() -> Scene {
     let mut b = SceneBuilder::default();
-    b.add("floor", square(0.0, 1.0, false), Material { base_color: Rgb::new(0.8, 0.4, 0.2), ..Material::default() });
+    b.add(
+        "floor",
+        square(0.0, 1.0, false),
+        Material { base_color: Rgb::new(0.8, 0.4, 0.2).into(), ..Material::default() },
+    );
     b.add("lamp", square(3.0, 1.0, true), emitter(5.0));
     spot_camera(&mut b, DVec3::new(0.5, 0.0, 2.0), DVec3::new(0.5, 0.0, 0.0), 0.25);
     build(b)

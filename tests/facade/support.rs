@@ -5,7 +5,7 @@ use dunkelfeld::geometry::{DAffine3, DQuat, DVec3, LocalDir, Mesh, Vec3};
 use dunkelfeld::radiometry::{Rgb, Seconds};
 use dunkelfeld::scene::{
     Camera, Environment, EnvironmentSource, Material, Projection, PunctualKind, PunctualLight, Scene, SceneBuilder,
-    Surface, Volume, look_at,
+    Specular, Surface, Volume, look_at,
 };
 use dunkelfeld::sensor::{Exposure, Optics};
 use dunkelfeld::{Budget, RenderSettings, Rendering, SensorChoice, Session, find_sensor, render};
@@ -31,18 +31,18 @@ impl Add for SceneBuilder {
 
 /// A material that only emits, on its front, with the given radiance in every channel.
 pub(crate) fn emitter(radiance: f32) -> Material {
-    Material { name: "emitter".into(), emission: Rgb::splat(radiance), ..black() }
+    Material { name: "emitter".into(), emission: Rgb::splat(radiance).into(), ..black() }
 }
 
 /// A material that reflects nothing: no diffuse part, and no specular part either.
 pub(crate) fn black() -> Material {
-    Material { name: "black".into(), base_color: Rgb::BLACK, specular: 0.0, ..Material::default() }
+    Material { name: "black".into(), base_color: Rgb::BLACK.into(), specular: Specular::NONE, ..Material::default() }
 }
 
 /// A floor under a lamp with a post with a soft shadow: a wide range of light, and noise from the unknown visible part of the lamp.
 pub(crate) fn shadow() -> Scene {
     let mut b = SceneBuilder::default();
-    let floor = b.add_material(Material { base_color: Rgb::splat(0.5), ..Material::default() });
+    let floor = b.add_material(Material { base_color: Rgb::splat(0.5).into(), ..Material::default() });
     b.add_object("floor", square(0.0, 2.4, false), floor);
     b.add_object(
         "post",
@@ -62,12 +62,18 @@ pub(crate) fn clear(ior: f32) -> Material {
 /// A smooth clear solid that leaves `color` of the light after `distance` \[m\].
 pub(crate) fn absorbing(ior: f32, color: f32, distance: f32) -> Material {
     let volume = Volume { attenuation_color: Rgb::splat(color), attenuation_distance: distance, ..Volume::default() };
-    Material { ior, roughness: 0.0, transmission: 1.0, surface: Surface::Solid(volume), ..Material::default() }
+    Material {
+        ior,
+        roughness: 0.0.into(),
+        transmission: 1.0.into(),
+        surface: Surface::Solid(volume),
+        ..Material::default()
+    }
 }
 
 /// A rough grey plastic.
 pub(crate) fn plastic() -> Material {
-    Material { base_color: Rgb::splat(0.6), roughness: 0.4, ..Material::default() }
+    Material { base_color: Rgb::splat(0.6).into(), roughness: 0.4.into(), ..Material::default() }
 }
 
 /// The BSDF of [`plastic`].

@@ -12,7 +12,7 @@ use dunkelfeld::geometry::{DAffine3, DQuat, DVec3, LocalDir, Mesh, Vec3, Vec4};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::shapes::{cuboid, sphere};
 use dunkelfeld::scene::{
-    AlphaMode, ChannelTexture, ColorEncoding, Environment, EnvironmentSource, Filter, Image, ImageId, Material, Scene,
+    AlphaMode, ColorEncoding, Environment, EnvironmentSource, Filter, Image, ImageId, Material, Parameter, Scene,
     SceneBuilder, Texels, Texture,
 };
 use dunkelfeld_bsdf::{Bsdf, Dielectric, Lobe, Principled, PrincipledParams};
@@ -47,7 +47,11 @@ fn a_textured_light_over_a_floor() {
     // The half of the panel at x < 0 has radiance 5, the other 5 * 51 / 255 = 1. L = integral of f cos L cos_l / d^2.
     let mut b = floor_scene(plastic());
     b.images.push(image(2, 1, vec![[255; 4], [51; 4]]));
-    b.add("light", square(0.4, 0.4, true), Material { emission_texture: Some(nearest()), ..emitter(5.0) });
+    b.add(
+        "light",
+        square(0.4, 0.4, true),
+        Material { emission: Parameter { factor: Rgb::splat(5.0), texture: Some(nearest()) }, ..emitter(5.0) },
+    );
     let half = |x: f64, l: f64| lit_by_panel(view(), DVec3::new(x, -0.2, 0.4), DVec3::X * 0.2, DVec3::Y * 0.4, l, 300);
     let expected = half(-0.2, 5.0) + half(0.0, 1.0);
     check(&build(b), 256.0, expected, "textured light");
@@ -56,7 +60,7 @@ fn a_textured_light_over_a_floor() {
 #[test]
 fn a_light_that_covers_partly_shines_partly() {
     // Coverage 0.3: NEE, scattering and the camera all find 0.3 of the radiance; the light from behind counts 0.7.
-    let veil = |l: f32| Material { alpha: 0.3, alpha_mode: AlphaMode::Blend, ..emitter(l) };
+    let veil = |l: f32| Material { alpha: 0.3.into(), alpha_mode: AlphaMode::Blend, ..emitter(l) };
     let mut b = floor_scene(plastic());
     let front = b.add_material(veil(5.0));
     let back = b.add_material(emitter(2.0));
@@ -128,9 +132,13 @@ fn an_alpha_mask_applies_to_camera_and_shadow_rays() {
     // light from straight above: the floor is lit in the right half only.
     let cut = |b: &mut SceneBuilder, height: f32| {
         b.images.push(image(2, 1, vec![[255, 255, 255, 255], [255, 255, 255, 100]]));
-        let alpha = ChannelTexture { texture: nearest(), channel: 3 };
+        let alpha = Texture { channel: 3, ..nearest() };
         let alpha_mode = AlphaMode::Mask { cutoff: 0.5 };
-        b.add("mask", square(height, 1.0, false), Material { alpha_texture: Some(alpha), alpha_mode, ..black() });
+        b.add(
+            "mask",
+            square(height, 1.0, false),
+            Material { alpha: Parameter { factor: 1.0, texture: Some(alpha) }, alpha_mode, ..black() },
+        );
     };
     let mut b = SceneBuilder::default();
     b.add("light", square(0.0, 1.0, false), emitter(2.0));
@@ -162,9 +170,9 @@ fn a_partly_transmitting_sheet_is_two_things_at_random() {
     // R' = 2R / (1+R) for both faces, R = 0.04. In front all is black.
     let mut b = SceneBuilder::default();
     let sheet = b.add_material(Material {
-        base_color: Rgb::splat(0.5),
-        roughness: 0.0,
-        transmission: 0.6,
+        base_color: Rgb::splat(0.5).into(),
+        roughness: 0.0.into(),
+        transmission: 0.6.into(),
         ..Material::default()
     });
     b.add_object("sheet", square(0.1, 0.5, false), sheet);
@@ -201,7 +209,7 @@ fn a_rough_slab_is_a_random_walk_between_its_faces() {
     b.add(
         "plate",
         cuboid(Vec3::new(-10.0, -10.0, 0.0), Vec3::new(10.0, 10.0, 1e-3)),
-        Material { roughness: 0.4, ..clear(1.5) },
+        Material { roughness: 0.4.into(), ..clear(1.5) },
     );
     b.environment = sky(1.0);
     spot_camera(&mut b, DVec3::Z, DVec3::ZERO, 0.01);
@@ -216,8 +224,8 @@ fn glass_whose_metal_is_painted_away_is_glass() {
     // uniform sky. What is lost is given up at the silhouette, where normals disagree with facets.
     let mut b = SceneBuilder::default();
     b.images.push(image(1, 1, vec![[0, 0, 0, 255]]));
-    let metallic_texture = Some(ChannelTexture { texture: nearest(), channel: 2 });
-    b.add("ball", sphere(Vec3::ZERO, 0.5, 24, true), Material { metallic: 1.0, metallic_texture, ..clear(1.5) });
+    let metallic = Parameter { factor: 1.0, texture: Some(Texture { channel: 2, ..nearest() }) };
+    b.add("ball", sphere(Vec3::ZERO, 0.5, 24, true), Material { metallic, ..clear(1.5) });
     b.environment = sky(1.0);
     spot_camera(&mut b, DVec3::new(0.0, 0.3, 3.0), DVec3::ZERO, 0.5);
     let mean = pixel_moments(&film(&build(b), &settings(16, 16, 64.0, 5))).mean();
@@ -229,8 +237,9 @@ fn unlit_surfaces_show_their_colour_and_nothing_else() {
     // From both sides, under any light.
     let mut b = SceneBuilder::default();
     b.images.push(image(1, 1, vec![[51; 4]]));
-    let texture = Some(nearest());
-    b.add("sign", square(0.0, 1.0, false), Material { unlit: true, base_color_texture: texture, ..plastic() });
+    let mut sign = Material { unlit: true, ..plastic() };
+    sign.base_color.texture = Some(nearest());
+    b.add("sign", square(0.0, 1.0, false), sign);
     b.environment = sky(3.0);
     sun(&mut b, DVec3::Z);
     for side in [1.0, -1.0] {

@@ -131,13 +131,13 @@ fn coverage_lets_light_pass_straight_and_in_shadows() {
     // multiplied by 0.7 twice.
     let (mut b, _, wo) = floor_scene();
     b.add("light", square(0.5, 0.2, true), emitter(5.0));
-    let veil = b.add_material(Material { alpha: 0.3, alpha_mode: AlphaMode::Blend, ..black() });
+    let veil = b.add_material(Material { alpha: 0.3.into(), alpha_mode: AlphaMode::Blend, ..black() });
     b.add_object("veil", square(0.45, 0.6, false), veil);
     b.add_object("lens cap", square(1.5, 6.0, false), veil);
     b.add(
         "cut out",
         square(0.3, 1.0, false),
-        Material { alpha: 0.4, alpha_mode: AlphaMode::Mask { cutoff: 0.5 }, ..black() },
+        Material { alpha: 0.4.into(), alpha_mode: AlphaMode::Mask { cutoff: 0.5 }, ..black() },
     );
     let expected = 0.7 * 0.7 * lit_by_panel(wo, DVec3::new(-0.1, -0.1, 0.5), DVec3::X * 0.2, DVec3::Y * 0.2, 5.0, 300);
     check(b, 1024.0, expected, "coverage");

@@ -114,7 +114,7 @@
 //! # fn main() -> Result<(), dunkelfeld::Error> {
 //! let mut scene = SceneBuilder::default();
 //! let white = scene.add_material(Material::default());
-//! let lamp = scene.add_material(Material { emission: Rgb::WHITE, ..Material::default() });
+//! let lamp = scene.add_material(Material { emission: Rgb::WHITE.into(), ..Material::default()  });
 //! let part = scene.add_object("part", shapes::cuboid(Vec3::splat(-0.05), Vec3::splat(0.05)), white);
 //! scene.add_object("lamp", shapes::rectangle(Vec3::new(-0.5, 1.0, -0.5), Vec3::X, Vec3::Z), lamp);
 //! scene.add_camera("above", DVec3::new(0.1, 0.5, 0.3), DVec3::ZERO, 0.5);

@@ -316,8 +316,8 @@ fn describe(m: &dunkelfeld_scene::Material) -> String {
         return "unlit".into();
     }
     let mut words = Vec::new();
-    let transmits = m.transmission > 0.0 && m.metallic < 1.0;
-    if m.emission.is_black() || !m.base_color.is_black() {
+    let transmits = m.transmission.factor > 0.0 && m.metallic.factor < 1.0;
+    if m.emission.factor.is_black() || !m.base_color.factor.is_black() {
         let textured = |t: bool| if t { ", textured" } else { "" };
         let body = match (transmits, m.surface) {
             (true, Surface::Solid(v)) => {
@@ -331,35 +331,35 @@ fn describe(m: &dunkelfeld_scene::Material) -> String {
                 format!("clear solid, ior {}{inside}", m.ior)
             }
             (true, Surface::Thin) => format!("thin sheet, ior {}", m.ior),
-            _ if m.metallic >= 1.0 => "metal".into(),
-            _ if m.diffuse_transmission > 0.0 => "translucent".into(),
-            _ if m.metallic > 0.0 => "partly metal".into(),
+            _ if m.metallic.factor >= 1.0 => "metal".into(),
+            _ if m.diffuse_transmission.share.factor > 0.0 => "translucent".into(),
+            _ if m.metallic.factor > 0.0 => "partly metal".into(),
             _ => "dielectric".into(),
         };
-        let color = m.base_color.to_array().map(|v| format!("{v:.3}")).join(" ");
-        words.push(format!("{body}{}", textured(m.base_color_texture.is_some())));
+        let color = m.base_color.factor.to_array().map(|v| format!("{v:.3}")).join(" ");
+        words.push(format!("{body}{}", textured(m.base_color.texture.is_some())));
         words.push(format!("base colour {color}"));
-        words.push(format!("roughness {:.3}{}", m.roughness, textured(m.roughness_texture.is_some())));
+        words.push(format!("roughness {:.3}{}", m.roughness.factor, textured(m.roughness.texture.is_some())));
     }
     match m.alpha_mode {
         AlphaMode::Opaque => {}
         AlphaMode::Mask { cutoff } => words.push(format!("cut out at {cutoff}")),
-        AlphaMode::Blend => words.push(format!("coverage {}", m.alpha)),
+        AlphaMode::Blend => words.push(format!("coverage {}", m.alpha.factor)),
     }
     for (on, name) in [
-        (m.normal_texture.is_some(), "normal map"),
-        (m.clearcoat > 0.0, "clear coat"),
-        (!m.sheen_color.is_black(), "sheen"),
-        (m.anisotropy != 0.0, "anisotropic"),
+        (m.normal_map.texture.is_some(), "normal map"),
+        (m.clearcoat.strength.factor > 0.0, "clear coat"),
+        (!m.sheen.color.factor.is_black(), "sheen"),
+        (m.anisotropy.strength.factor != 0.0, "anisotropic"),
     ] {
         if on {
             words.push(name.into());
         }
     }
-    if !m.emission.is_black() {
+    if !m.emission.factor.is_black() {
         words.push(format!(
             "emits {} W/(m^2 sr), {}",
-            m.emission.mean(),
+            m.emission.factor.mean(),
             if m.double_sided { "both sides" } else { "front" }
         ));
     }

@@ -140,12 +140,12 @@ pub mod radiometry {
 /// Scenes, built in code or from a file: meshes, materials, lights, cameras.
 pub mod scene {
     pub use dunkelfeld_scene::{
-        AlphaMode, Aperture, Blades, BuildCache, BuildError, BuildReport, Camera, CameraError, ChannelTexture,
-        ColorEncoding, Distortion, Effect, Effects, Environment, EnvironmentSource, FilmWindow, Filter, Finding,
-        Finish, Grain, Image, ImageId, Instance, Lens, LightInfo, LightProfile, LineScan, Material, MeshPart,
-        ObjectInfo, Opening, PartInfo, Process, ProfileError, Projection, PunctualKind, PunctualLight, RayGenerator,
-        Scene, SceneBuilder, SceneSummary, Severity, Shutter, Surface, Texels, Texture, TextureTransform, ThinLens,
-        Vignetting, Volume, Wrap, framing_camera, look_at, shapes,
+        AlphaMode, Anisotropy, Aperture, Blades, BuildCache, BuildError, BuildReport, Camera, CameraError, Clearcoat,
+        ColorEncoding, DiffuseTransmission, Distortion, Effect, Effects, Environment, EnvironmentSource, FilmWindow,
+        Filter, Finding, Finish, Grain, Image, ImageId, Instance, Lens, LightInfo, LightProfile, LineScan, Material,
+        MeshPart, NormalMap, ObjectInfo, Opening, Parameter, PartInfo, Process, ProfileError, Projection, PunctualKind,
+        PunctualLight, RayGenerator, Scene, SceneBuilder, SceneSummary, Severity, Sheen, Shutter, Specular, Surface,
+        Texels, Texture, TextureTransform, ThinLens, Vignetting, Volume, Wrap, framing_camera, look_at, shapes,
     };
 }
 

@@ -20,15 +20,15 @@ use std::f64::consts::PI;
 
 /// A principled surface, as a material and as its parameters.
 fn lobe(name: &str, roughness: f32) -> (Material, PrincipledParams) {
-    let m = Material { name: name.into(), roughness, ..Material::default() };
+    let m = Material { name: name.into(), roughness: roughness.into(), ..Material::default() };
     let p = PrincipledParams { base_color: Rgb::WHITE, roughness, eta: 1.5, ..Default::default() };
     match name {
-        "metal" => (Material { metallic: 1.0, ..m }, PrincipledParams { metallic: 1.0, ..p }),
+        "metal" => (Material { metallic: 1.0.into(), ..m }, PrincipledParams { metallic: 1.0, ..p }),
         "plastic" => (m, p),
-        "half metal" => (Material { metallic: 0.5, ..m }, PrincipledParams { metallic: 0.5, ..p }),
+        "half metal" => (Material { metallic: 0.5.into(), ..m }, PrincipledParams { metallic: 0.5, ..p }),
         _ => (
             // The base below the dielectric reflection is black: the reflection alone.
-            Material { base_color: Rgb::BLACK, ..m },
+            Material { base_color: Rgb::BLACK.into(), ..m },
             PrincipledParams { base_color: Rgb::BLACK, ..p },
         ),
     }
@@ -77,7 +77,7 @@ fn a_rough_plate_reflects_and_transmits_what_its_facets_leave() {
             b.add(
                 "plate",
                 cuboid(Vec3::new(-5.0, -1e-3, -5.0), Vec3::new(5.0, 0.0, 5.0)),
-                Material { roughness, ..clear(1.5) },
+                Material { roughness: roughness.into(), ..clear(1.5) },
             );
             two_halves(&mut b, above, below);
             spot(&mut b, 0.3 * toward, DVec3::ZERO, 1e-4);
@@ -98,10 +98,10 @@ fn a_mirror_room_of_albedo_099_sums_its_series() {
     let f = f0 + (1.0 - f0) * (1.0 - 1.0 / 3f64.sqrt()).powi(5);
     let mut b = SceneBuilder::default();
     let m = b.add_material(Material {
-        base_color: Rgb::splat(f0 as f32),
-        metallic: 1.0,
-        roughness: 0.0,
-        emission: Rgb::WHITE,
+        base_color: Rgb::splat(f0 as f32).into(),
+        metallic: 1.0.into(),
+        roughness: 0.0.into(),
+        emission: Rgb::WHITE.into(),
         ..Material::default()
     });
     let mut room = cuboid(Vec3::splat(-1.0), Vec3::splat(1.0));
@@ -151,9 +151,9 @@ fn two_endless_plates_solve_their_integral_equation() {
 
     let mut b = SceneBuilder::default();
     let m = b.add_material(Material {
-        base_color: Rgb::splat(0.85),
-        roughness: 0.6,
-        emission: Rgb::WHITE,
+        base_color: Rgb::splat(0.85).into(),
+        roughness: 0.6.into(),
+        emission: Rgb::WHITE.into(),
         ..Material::default()
     });
     b.add_object("lower", square(0.0, 20.0, false), m);
@@ -217,7 +217,7 @@ fn bodies_without_absorption_are_invisible_in_a_white_box() {
                 b.add(
                     "pane",
                     square(0.0, 1.0, false),
-                    Material { roughness: 0.0, transmission: 1.0, ..Material::default() },
+                    Material { roughness: 0.0.into(), transmission: 1.0.into(), ..Material::default() },
                 );
             }),
         ),

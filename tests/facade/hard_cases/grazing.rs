@@ -75,7 +75,7 @@ fn rough_pmma_lit_and_seen_along_its_surface() {
                 b.add(
                     "block",
                     cuboid(Vec3::new(-0.5, -0.5, -0.1), Vec3::new(0.5, 0.5, 0.0)),
-                    Material { roughness, ..absorbing(PMMA as f32, 0.0, 1e-6) },
+                    Material { roughness: roughness.into(), ..absorbing(PMMA as f32, 0.0, 1e-6) },
                 );
                 sun(&mut b, DVec3::new(lit.sin() * azimuth.cos(), lit.sin() * azimuth.sin(), lit.cos()));
                 spot(&mut b, 0.4 * DVec3::new(seen.sin(), 0.0, seen.cos()), DVec3::ZERO, 1e-5);

@@ -30,7 +30,7 @@ fn still_life(to_world: DAffine3) -> Scene {
     b.add(
         "ball",
         sphere(Vec3::new(0.25, 0.0, 0.25), 0.2, 12, true),
-        Material { metallic: 1.0, roughness: 0.3, ..Material::default() },
+        Material { metallic: 1.0.into(), roughness: 0.3.into(), ..Material::default() },
     );
     let mut twin = b.instances[1].clone();
     twin.to_world = DAffine3::from_translation(DVec3::new(-0.5, 0.2, 0.0));

@@ -17,8 +17,8 @@ use dunkelfeld::geometry::{DAffine3, DVec3, Vec3};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::shapes::rectangle;
 use dunkelfeld::scene::{
-    ColorEncoding, Environment, EnvironmentSource, Image, ImageId, Material, PunctualKind, PunctualLight, SceneBuilder,
-    Texels, Texture,
+    ColorEncoding, Environment, EnvironmentSource, Image, ImageId, Material, Parameter, PunctualKind, PunctualLight,
+    SceneBuilder, Texels, Texture,
 };
 use std::f64::consts::PI;
 
@@ -207,7 +207,11 @@ fn in_the_dark_there_is_nothing() {
     });
     dark(&|b| {
         let texture = Some(Texture::new(black_image(b), ColorEncoding::Linear));
-        b.add("off", square(0.5, 0.2, true), Material { emission_texture: texture, ..emitter(5.0) });
+        b.add(
+            "off",
+            square(0.5, 0.2, true),
+            Material { emission: Parameter { factor: Rgb::splat(5.0), texture }, ..emitter(5.0) },
+        );
     });
     dark(&|b| {
         let kinds = [

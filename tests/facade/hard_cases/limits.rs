@@ -14,7 +14,7 @@ use crate::support::{Add, build, emitter, square};
 use dunkelfeld::geometry::{DVec3, Vec3, Vec4};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::shapes::cuboid;
-use dunkelfeld::scene::{Material, Scene, SceneBuilder, Surface, Volume};
+use dunkelfeld::scene::{Anisotropy, Clearcoat, Material, Scene, SceneBuilder, Sheen, Specular, Surface, Volume};
 
 /// A plate of 4 mm in the plane y = 0 under a sky, seen at an angle \[rad\].
 fn plate(material: Material, angle: f64, above: f32, below: f32) -> Scene {
@@ -41,14 +41,18 @@ fn floor(material: Material) -> Scene {
 fn roughness_toward_zero_is_the_mirror() {
     // A white metal loses nothing as its facets align: of alpha = 1e-2 already less than 1e-3.
     for roughness in [0.0f32, 1e-4, 1e-3, 1e-2, 0.05, 0.1] {
-        let mirror = Material { metallic: 1.0, roughness, ..Material::default() };
+        let mirror = Material { metallic: 1.0.into(), roughness: roughness.into(), ..Material::default() };
         let terms = Terms { spp: 64.0, sure: 1e-3, rounding: 1e-3 };
         gives(&floor(mirror), 1.0, terms, &format!("white metal of roughness {roughness}"));
     }
     // Where a mirror image ends on one side of the view the other side is dark: no haze from a mirror.
     for roughness in [0.0f32, 1e-3] {
         let mut b = SceneBuilder::default();
-        b.add("floor", square(0.0, 1.0, false), Material { metallic: 1.0, roughness, ..Material::default() });
+        b.add(
+            "floor",
+            square(0.0, 1.0, false),
+            Material { metallic: 1.0.into(), roughness: roughness.into(), ..Material::default() },
+        );
         let light = b.add_material(emitter(1.0));
         // The view from straight above comes back to where it was; 3 degrees beside it hangs the light.
         b.add_object("light", super::support::moved(square(1.0, 0.1, true), DVec3::X * 0.1), light);
@@ -65,7 +69,7 @@ fn rough_glass_toward_smooth_glass() {
     let angle = 0.6f64;
     let expected = through_faces(2.0, fresnel(angle, 1.5));
     for roughness in [0.0f32, 1e-4, 0.0099, 0.0101, 0.02] {
-        let glass = Material { roughness, ..clear(1.5) };
+        let glass = Material { roughness: roughness.into(), ..clear(1.5) };
         for (above, below, expected) in [(0.0, 1.0, expected), (1.0, 0.0, 1.0 - expected)] {
             let sure = 2.0 * ((1.0 - expected) / expected / (256.0 * 256.0)).sqrt();
             let what = format!("roughness {roughness}, sky {above}");
@@ -105,7 +109,7 @@ fn any_index_of_refraction() {
 #[test]
 fn a_rough_plate_of_matched_index_is_not_there() {
     for ior in [1.0f32, 1.0009, 0.9991] {
-        let glass = Material { roughness: 0.5, ..clear(ior) };
+        let glass = Material { roughness: 0.5.into(), ..clear(ior) };
         gives(
             &plate(glass, 0.9, 0.0, 1.0),
             1.0,
@@ -122,15 +126,14 @@ fn every_corner_of_the_parameters_is_a_number_below_a_bound() {
     for k in 0..256u32 {
         let end = |bit: u32| ends[(k >> bit & 1) as usize];
         let m = Material {
-            metallic: end(0),
-            roughness: end(1),
-            transmission: end(2),
-            clearcoat: end(3),
-            clearcoat_roughness: end(4),
-            sheen_color: Rgb::splat(end(5)),
-            anisotropy: 2.0 * end(6) - 1.0,
-            specular_tint: end(7),
-            base_color: Rgb::new(1.0, 0.0, 0.5),
+            metallic: end(0).into(),
+            roughness: end(1).into(),
+            transmission: end(2).into(),
+            clearcoat: Clearcoat { strength: end(3).into(), roughness: end(4).into() },
+            sheen: Sheen { color: Rgb::splat(end(5)).into(), ..Sheen::default() },
+            anisotropy: Anisotropy { strength: (2.0 * end(6) - 1.0).into(), ..Anisotropy::default() },
+            specular: Specular { tint: end(7), ..Specular::default() },
+            base_color: Rgb::new(1.0, 0.0, 0.5).into(),
             ..Material::default()
         };
         let what = format!("{m:?}");
@@ -145,11 +148,10 @@ fn anisotropy_of_plus_one_is_minus_one_turned() {
         let mut b = SceneBuilder::default();
         let base_color = Rgb::splat(0.9);
         let m = Material {
-            metallic: 1.0,
-            roughness: 0.4,
-            base_color,
-            anisotropy,
-            anisotropy_rotation,
+            metallic: 1.0.into(),
+            roughness: 0.4.into(),
+            base_color: base_color.into(),
+            anisotropy: Anisotropy { strength: anisotropy.into(), rotation: anisotropy_rotation, grain: None },
             ..Material::default()
         };
         let m = b.add_material(m);

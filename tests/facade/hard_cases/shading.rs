@@ -17,7 +17,9 @@ use super::support::{
 use crate::support::{Add, build, emitter, settings, square};
 use dunkelfeld::geometry::{DAffine3, DVec3, Mesh, Vec2, Vec3, Vec4};
 use dunkelfeld::scene::shapes::{cuboid, sphere};
-use dunkelfeld::scene::{ColorEncoding, Image, ImageId, Material, Scene, SceneBuilder, Texels, Texture};
+use dunkelfeld::scene::{
+    Anisotropy, ColorEncoding, Image, ImageId, Material, NormalMap, Scene, SceneBuilder, Texels, Texture,
+};
 
 /// Where the light of these scenes comes from: far above the horizon of every tilted normal.
 fn from() -> DVec3 {
@@ -42,7 +44,10 @@ fn floor_with(material: Material, image: Option<DVec3>, change: impl Fn(&mut Mes
 }
 
 fn mapped() -> Material {
-    Material { normal_texture: Some(Texture::new(ImageId(0), ColorEncoding::Linear)), ..plastic() }
+    Material {
+        normal_map: NormalMap { texture: Some(Texture::new(ImageId(0), ColorEncoding::Linear)), scale: 1.0 },
+        ..plastic()
+    }
 }
 
 /// Nothing in these scenes is random; a 16-bit map is known to 1.5e-5.
@@ -81,7 +86,9 @@ fn unusable_tangents_and_coordinates_leave_a_flat_map_flat() {
         ("without a sign", Vec4::new(1.0, 0.0, 0.0, 0.0)),
         ("a sign that is no number", Vec4::new(1.0, 0.0, 0.0, nan)),
     ];
-    for material in [mapped(), Material { anisotropy: 0.0, ..mapped() }] {
+    for material in
+        [mapped(), Material { anisotropy: Anisotropy { strength: 0.0.into(), ..Anisotropy::default() }, ..mapped() }]
+    {
         for (name, t) in tangents {
             let b = floor_with(material.clone(), Some(DVec3::Z), |m| m.tangents = vec![t; 4]);
             gives(&build(b), expected, EXACT, &format!("tangents {name}"));
@@ -104,7 +111,12 @@ fn unusable_tangents_and_coordinates_leave_a_flat_map_flat() {
 #[test]
 fn anisotropy_without_usable_tangents_is_still_a_number() {
     // The direction of the highlight is then arbitrary; the test accepts both.
-    let metal = Material { metallic: 1.0, roughness: 0.5, anisotropy: 1.0, ..Material::default() };
+    let metal = Material {
+        metallic: 1.0.into(),
+        roughness: 0.5.into(),
+        anisotropy: Anisotropy { strength: 1.0.into(), ..Anisotropy::default() },
+        ..Material::default()
+    };
     for t in [Vec4::ZERO, Vec4::splat(f32::NAN), Vec4::new(0.0, 0.0, 1.0, 1.0)] {
         let b = floor_with(metal.clone(), None, |m| m.tangents = vec![t; 4]);
         let mean = pixel_means(&build(b), 4.0, 1, "anisotropy").mean();
@@ -269,7 +281,7 @@ fn no_light_leaks_through_an_opaque_sheet_whatever_its_normals() {
 fn normals_that_disagree_reflect_the_light_there_is() {
     // White metal and clear glass are invisible in a white furnace, with any normals: a plate with tilted ones, and balls
     // of few triangles with interpolated ones.
-    let metal = || Material { metallic: 1.0, roughness: 0.1, ..Material::default() };
+    let metal = || Material { metallic: 1.0.into(), roughness: 0.1.into(), ..Material::default() };
     let furnace = |material: Material, mesh: Mesh, half: f32, least: f32, what: &str| {
         let mut b = SceneBuilder { energy_compensation: true, ..SceneBuilder::default() };
         b.add("body", mesh, material);

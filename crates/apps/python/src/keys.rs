@@ -1,7 +1,7 @@
 //! The keys of the tables of a job, from the types that read them. So no list of keys can differ from the reader.
 
 use crate::errors::{Failure, setting};
-use dunkelfeld_io::job::{CameraSettings, LensSettings, MaterialOverride, light_keys, object_keys};
+use dunkelfeld_io::job::{CameraSettings, LensSettings, light_keys, material_keys, object_keys};
 use dunkelfeld_io::names::suggestion;
 use dunkelfeld_io::toml_keys::keys_of;
 use pyo3::prelude::*;
@@ -13,7 +13,7 @@ pub(crate) fn job_keys(table: &str) -> Result<Vec<&'static str>, Failure> {
         "camera" => keys_of::<CameraSettings>().to_vec(),
         "lens" => keys_of::<LensSettings>().to_vec(),
         "light" => light_keys(),
-        "material" => keys_of::<MaterialOverride>().to_vec(),
+        "material" => material_keys(),
         "object" => object_keys(),
         other => {
             let problem = format!("unknown value \"{other}\"");

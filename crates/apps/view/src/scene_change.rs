@@ -122,17 +122,15 @@ fn of_materials(inspection: &Inspection, materials: &[Material]) -> Vec<Material
         name.strip_suffix(" plate").is_some_and(|lamp| inspection.lights.iter().any(|light| light.name == lamp))
     };
     let mut list: Vec<MaterialState> = Vec::new();
-    for material in
-        materials.iter().filter(|m| m.emission.is_black() && !m.unlit && is_used(&m.name) && !is_plate(&m.name))
-    {
+    for material in materials.iter().filter(|m| !m.emits() && is_used(&m.name) && !is_plate(&m.name)) {
         if list.iter().any(|listed| listed.name == material.name) {
             continue;
         }
         list.push(MaterialState {
             name: material.name.clone(),
-            roughness: material.roughness_texture.is_none().then(|| decimal(material.roughness)),
-            metallic: material.metallic_texture.is_none().then(|| decimal(material.metallic)),
-            color: material.base_color_texture.is_none().then(|| material.base_color.to_array().map(decimal)),
+            roughness: material.roughness.texture.is_none().then(|| decimal(material.roughness.factor)),
+            metallic: material.metallic.texture.is_none().then(|| decimal(material.metallic.factor)),
+            color: material.base_color.texture.is_none().then(|| material.base_color.factor.to_array().map(decimal)),
             changed: MaterialChange::default(),
         });
     }

@@ -123,7 +123,7 @@ fn for_dark_objects(changes: &str, scene: &SceneBuilder) -> String {
 fn emission_of(scene: &SceneBuilder, object: &Instance) -> Option<[f32; 3]> {
     let part = |mesh: &usize| scene.meshes.get(*mesh).and_then(|part| scene.materials.get(part.material));
     let mut materials = object.meshes.iter().filter_map(part);
-    materials.find(|m| !m.emission.is_black()).map(|m| m.emission.to_array())
+    materials.find(|m| !m.emission.factor.is_black()).map(|m| m.emission.factor.to_array())
 }
 
 /// The camera of the scene, and the others in lines that are off.
@@ -154,8 +154,8 @@ fn view(scene: &SceneBuilder) -> String {
     t += "\n# The render ends at the first limit. A noise of 1: until the noise of the sensor hides that of the render.\n\
           [budget]\ntime = \"20s\"\n# noise = 1\n\n# `dunkelfeld sensors` lists the models.\n[sensor]\nmodel = \"imx250\"\n\
           exposure = \"auto\"\n# exposure = \"5ms\"\n\n# [lens]\n# f_number = 4\n";
-    let emits = |m: &Material| !m.emission.is_black() || m.unlit;
-    let is_dark = scene.lights.is_empty() && !scene.materials.iter().any(emits) && scene.environment.is_none();
+    let is_dark =
+        scene.lights.is_empty() && !scene.materials.iter().any(Material::emits) && scene.environment.is_none();
     t += if is_dark {
         "\n# The scene has no light. The same light from all directions [W/(m2 sr)]:\n[environment]\nradiance = 1\n"
     } else {
@@ -189,16 +189,16 @@ fn lights(t: &mut String, scene: &SceneBuilder) {
 fn materials(t: &mut String, scene: &SceneBuilder) {
     let mut seen = BTreeSet::new();
     for m in scene.materials.iter().filter(|m| !m.name.is_empty() && seen.insert(m.name.as_str())).take(MOST_NAMES) {
-        let [r, g, b] = m.base_color.to_array();
+        let [r, g, b] = m.base_color.factor.to_array();
         let _ = writeln!(
             t,
             "\n# [[material]]\n# name = {}\n# base_color = [{r:?}, {g:?}, {b:?}]\n# metallic = {:?}\n# roughness = {:?}",
             quoted(&m.name),
-            m.metallic,
-            m.roughness
+            m.metallic.factor,
+            m.roughness.factor
         );
-        if m.transmission > 0.0 {
-            let _ = writeln!(t, "# transmission = {:?}\n# ior = {:?}\n# solid = true", m.transmission, m.ior);
+        if m.transmission.factor > 0.0 {
+            let _ = writeln!(t, "# transmission = {:?}\n# ior = {:?}\n# solid = true", m.transmission.factor, m.ior);
         }
     }
 }

@@ -198,7 +198,7 @@ mod tests {
     #[test]
     fn white_metal_with_tilted_normals_loses_no_light() {
         for roughness in [0.05, 0.2, 0.5, 0.8] {
-            let metal = Material { metallic: 1.0, roughness, ..Material::default() };
+            let metal = Material { metallic: 1.0.into(), roughness: roughness.into(), ..Material::default() };
             for tilt in [10.0, 30.0, 50.0, 70.0] {
                 for view in [[90.0, 0.0], [30.0, 0.0], [30.0, 100.0], [30.0, 180.0], [5.0, 0.0], [5.0, 180.0]] {
                     let what = format!("roughness {roughness}, tilt {tilt}, view {view:?}");
@@ -214,8 +214,9 @@ mod tests {
 
     #[test]
     fn densities_and_values_on_tilted_normals_integrate_to_those_of_the_samples() {
-        let plastic = Material { roughness: 0.5, ..Material::default() };
-        let glass = Material { transmission: 1.0, surface: Surface::Solid(Volume::default()), ..plastic.clone() };
+        let plastic = Material { roughness: 0.5.into(), ..Material::default() };
+        let glass =
+            Material { transmission: 1.0.into(), surface: Surface::Solid(Volume::default()), ..plastic.clone() };
         for (name, material) in [("plastic", plastic), ("glass", glass)] {
             for tilt in [30.0, 60.0] {
                 for view in [[80.0, 0.0], [30.0, 60.0], [20.0, 180.0]] {

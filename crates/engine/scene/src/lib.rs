@@ -46,7 +46,10 @@ pub use light::sample::{LightSamples, Receivers};
 pub use light::summary::{LightInfo, ObjectInfo, PartInfo};
 pub use material::finish::{Finish, Grain, Process};
 pub use material::texture::{ColorEncoding, Filter, Image, ImageId, Texels, Texture, TextureTransform, Wrap};
-pub use material::{AlphaMode, ChannelTexture, Material, Surface, Volume};
+pub use material::{
+    AlphaMode, Anisotropy, Clearcoat, DiffuseTransmission, Material, NormalMap, Parameter, Sheen, Specular, Surface,
+    Volume,
+};
 pub use media::medium::{Medium, MediumEvents, MediumLanes, transmittance};
 pub use media::medium_stack::Interior;
 pub use media::nested_dielectrics::{Boundary, Interface};

@@ -1,13 +1,13 @@
 //! The surfaces of the candidates, and uniform points on them.
 
 use super::draw;
-use super::material::{self, emits, is_absent};
+use super::material::{self, is_absent};
 use super::spec::DefectSpec;
 use super::surface::{corners_of, oriented_area};
 use crate::distribution::Fault;
 use dunkelfeld_geometry::DVec3;
 use dunkelfeld_sampling::Pcg;
-use dunkelfeld_scene::SceneBuilder;
+use dunkelfeld_scene::{Material, SceneBuilder};
 
 /// Smallest cosine between a normal and the direction that it must face: 60 degrees.
 const LEAST_COSINE: f64 = 0.5;
@@ -105,7 +105,7 @@ pub(crate) fn has_surface(scene: &SceneBuilder, index: usize) -> bool {
 /// If a candidate emits light.
 pub(super) fn refuse_emitters(scene: &SceneBuilder, on: &[usize]) -> Result<(), Fault> {
     for instance in on.iter().filter_map(|i| scene.instances.get(*i)) {
-        if instance.meshes.iter().filter_map(|part| material::of(scene, *part)).any(emits) {
+        if instance.meshes.iter().filter_map(|part| material::of(scene, *part)).any(Material::emits) {
             let problem = format!("the object \"{}\" emits light", instance.name);
             return Err(Fault::new(problem, "name only objects that emit no light").below("on"));
         }

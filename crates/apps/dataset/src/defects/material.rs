@@ -6,39 +6,31 @@ use dunkelfeld_scene::{AlphaMode, Material, SceneBuilder, Surface, Volume};
 
 /// Roughness of the walls of a scratch.
 pub(super) const SCRATCH_ROUGHNESS: f32 = 0.3;
-/// A material is smooth below this roughness, as in `dunkelfeld-scene`.
-const SMOOTH_ROUGHNESS: f32 = 0.01;
 
 /// The material of a part.
 pub(super) fn of(scene: &SceneBuilder, part: usize) -> Option<&Material> {
     scene.materials.get(scene.meshes.get(part)?.material)
 }
 
-/// True if a material emits light.
-pub(super) fn emits(m: &Material) -> bool {
-    m.unlit || !m.emission.is_black()
-}
-
 /// True if a constant coverage of zero makes the surface absent.
 pub(super) fn is_absent(m: &Material) -> bool {
     match m.alpha_mode {
         AlphaMode::Opaque => false,
-        AlphaMode::Mask { cutoff } => m.alpha < cutoff,
-        AlphaMode::Blend => m.alpha <= 0.0,
+        AlphaMode::Mask { cutoff } => m.alpha.factor < cutoff,
+        AlphaMode::Blend => m.alpha.factor <= 0.0,
     }
 }
 
 /// True if a surface is smooth and clear everywhere: labels are seen through it.
 pub(super) fn is_clear(m: &Material) -> bool {
-    let is_smooth = m.roughness < SMOOTH_ROUGHNESS && m.roughness_texture.is_none();
-    let is_whole = m.transmission >= 1.0 && m.transmission_texture.is_none();
-    is_smooth && is_whole && m.metallic <= 0.0 && m.metallic_texture.is_none()
+    let is_whole = m.transmission.factor >= 1.0 && m.transmission.texture.is_none();
+    m.is_smooth() && is_whole && m.metallic.factor <= 0.0 && m.metallic.texture.is_none()
 }
 
 /// The volume of a solid that light can enter.
 pub(super) fn clear_volume(m: &Material) -> Option<Volume> {
     match m.surface {
-        Surface::Solid(volume) if m.transmission > 0.0 && m.metallic < 1.0 => Some(volume),
+        Surface::Solid(volume) if m.transmission.factor > 0.0 && m.metallic.factor < 1.0 => Some(volume),
         _ => None,
     }
 }
@@ -48,8 +40,8 @@ pub(super) fn clear_volume(m: &Material) -> Option<Volume> {
 pub(super) fn gas(finish: &Finish<'_>, host: &Volume, roughness: f32) -> Material {
     Material {
         name: finish.name.into(),
-        roughness: finish.roughness.unwrap_or(roughness),
-        transmission: 1.0,
+        roughness: finish.roughness.unwrap_or(roughness).into(),
+        transmission: 1.0.into(),
         ior: 1.0,
         surface: Surface::Solid(Volume { priority: host.priority.saturating_add(1), ..Volume::default() }),
         ..Material::default()
@@ -61,7 +53,7 @@ pub(super) fn gas(finish: &Finish<'_>, host: &Volume, roughness: f32) -> Materia
 pub(super) fn like_surface(host: &Material, finish: &Finish<'_>, has_uvs: bool) -> Material {
     let mut m = Material { name: finish.name.into(), surface: Surface::Thin, ..host.clone() };
     if !has_uvs {
-        drop_textures(&mut m);
+        m.texture_slots().for_each(|slot| *slot = None);
     }
     override_with(&mut m, finish);
     m
@@ -71,51 +63,33 @@ pub(super) fn like_surface(host: &Material, finish: &Finish<'_>, has_uvs: bool) 
 /// a cut.
 pub(super) fn cut(host: &Material, finish: &Finish<'_>, has_uvs: bool) -> Material {
     let mut m = like_surface(host, finish, has_uvs);
-    (m.normal_texture, m.anisotropy, m.anisotropy_texture, m.clearcoat) = (None, 0.0, None, 0.0);
-    m.roughness_texture = None;
-    m.roughness = finish.roughness.unwrap_or(SCRATCH_ROUGHNESS);
+    (m.normal_map.texture, m.anisotropy.strength, m.clearcoat.strength.factor) = (None, 0.0.into(), 0.0);
+    m.roughness = finish.roughness.unwrap_or(SCRATCH_ROUGHNESS).into();
     m
 }
 
 /// An opaque material of its own: a default colour and roughness, with the changes of the defect.
 pub(super) fn own(finish: &Finish<'_>, color: Rgb, roughness: f32) -> Material {
-    let mut m = Material { name: finish.name.into(), base_color: color, roughness, ..Material::default() };
+    let mut m = Material {
+        name: finish.name.into(),
+        base_color: color.into(),
+        roughness: roughness.into(),
+        ..Material::default()
+    };
     override_with(&mut m, finish);
     m
 }
 
 fn override_with(m: &mut Material, finish: &Finish<'_>) {
     if let Some(roughness) = finish.roughness {
-        (m.roughness, m.roughness_texture) = (roughness, None);
+        m.roughness = roughness.into();
     }
     if let Some(color) = finish.color {
-        (m.base_color, m.base_color_texture) = (color, None);
+        m.base_color = color.into();
     }
     if let Some(metallic) = finish.metallic {
-        (m.metallic, m.metallic_texture) = (metallic, None);
+        m.metallic = metallic.into();
     }
-}
-
-/// Removes all textures. Their factors remain.
-fn drop_textures(m: &mut Material) {
-    *m = Material {
-        base_color_texture: None,
-        alpha_texture: None,
-        metallic_texture: None,
-        roughness_texture: None,
-        normal_texture: None,
-        emission_texture: None,
-        specular_texture: None,
-        specular_color_texture: None,
-        transmission_texture: None,
-        diffuse_transmission_texture: None,
-        diffuse_transmission_color_texture: None,
-        clearcoat_texture: None,
-        clearcoat_roughness_texture: None,
-        sheen_color_texture: None,
-        anisotropy_texture: None,
-        ..std::mem::take(m)
-    };
 }
 
 /// A surface that no ray meets. It is no solid, transmits nothing and has no textures, so that its coverage is the
@@ -123,7 +97,7 @@ fn drop_textures(m: &mut Material) {
 pub(super) fn absent(host: &Material, name: &str) -> Material {
     Material {
         name: format!("{name}: {}", host.name),
-        alpha: 0.0,
+        alpha: 0.0.into(),
         alpha_mode: AlphaMode::Mask { cutoff: 1.0 },
         ..Material::default()
     }
@@ -134,14 +108,14 @@ pub(super) fn faded(host: &Material, name: &str, strength: f64) -> Material {
     let mut m = Material { name: format!("{name}: {}", host.name), ..host.clone() };
     if m.alpha_mode == AlphaMode::Opaque {
         // An opaque surface ignores its alpha. From now on alpha counts.
-        (m.alpha, m.alpha_texture) = (1.0, None);
+        m.alpha = 1.0.into();
     }
-    m.alpha *= (1.0 - strength) as f32;
+    m.alpha.factor *= (1.0 - strength) as f32;
     m.alpha_mode = AlphaMode::Blend;
     m
 }
 
 /// The material with the alpha of the vertex colours as its coverage.
 pub(super) fn covering_by_colors(m: Material) -> Material {
-    Material { alpha: 1.0, alpha_mode: AlphaMode::Blend, ..m }
+    Material { alpha: 1.0.into(), alpha_mode: AlphaMode::Blend, ..m }
 }

@@ -104,7 +104,7 @@ pub(super) fn dent(site: &Site<'_>, dent: &Dent) -> Option<Made> {
             if is_rim(i) { offset } else { offset - depth }
         };
         let mesh = shell::closed(&patch, surface, |_| offset, bottom, normal);
-        return Some(Made::new(mesh, None, material::gas(&site.finish, volume, site.host.roughness)));
+        return Some(Made::new(mesh, None, material::gas(&site.finish, volume, site.host.roughness.factor)));
     }
     // The rim is below the surface, so that no gap is visible at grazing angles.
     let height = |i: usize| if is_rim(i) { -site.lift } else { offset };

@@ -49,16 +49,16 @@ fn spec(kind: &str, on: &[usize]) -> DefectSpec {
 
 fn clear() -> Material {
     let volume = Volume { priority: 4, ..Volume::default() };
-    Material { transmission: 1.0, ior: 1.49, surface: Surface::Solid(volume), ..Material::default() }
+    Material { transmission: 1.0.into(), ior: 1.49, surface: Surface::Solid(volume), ..Material::default() }
 }
 
 /// Object 0: an opaque sphere of radius 0.5 with smooth normals, turned and moved. Object 1: a clear box. Object 2: a
 /// plane that is as large as object 0 in total, a reflected one. Object 3: a lamp.
 fn scene() -> SceneBuilder {
     let mut b = SceneBuilder::default();
-    let opaque = b.add_material(Material { roughness: 0.4, ..Material::default() });
+    let opaque = b.add_material(Material { roughness: 0.4.into(), ..Material::default() });
     let solid = b.add_material(clear());
-    let lamp = b.add_material(Material { emission: Rgb::WHITE, ..Material::default() });
+    let lamp = b.add_material(Material { emission: Rgb::WHITE.into(), ..Material::default() });
     b.add_object("ball", shapes::sphere(Vec3::ZERO, 0.5, 96, true), opaque);
     b.add_object("block", shapes::cuboid(Vec3::new(2.0, 0.0, 0.0), Vec3::new(3.0, 0.5, 0.3)), solid);
     b.add_object("plane", shapes::rectangle(Vec3::ZERO, Vec3::X, Vec3::NEG_Z), opaque);
@@ -227,7 +227,7 @@ fn a_deep_dent_fills_a_hole_in_its_body() {
     };
     for seed in 0..20 {
         let mut b = scene();
-        b.materials[1] = Material { metallic: 1.0, ..Material::default() };
+        b.materials[1] = Material { metallic: 1.0.into(), ..Material::default() };
         let to_world = DAffine3::from_translation(DVec3::Z * 2.0);
         let twin = Instance { name: "twin".into(), to_world, ..b.instances[1].clone() };
         b.instances.push(twin);
@@ -264,7 +264,7 @@ fn a_deep_dent_fills_a_hole_in_its_body() {
     }
     // A thin plate bulges on its other side.
     let mut b = SceneBuilder::default();
-    b.add_material(Material { metallic: 1.0, ..Material::default() });
+    b.add_material(Material { metallic: 1.0.into(), ..Material::default() });
     b.add_object("plate", shapes::cuboid(Vec3::ZERO, Vec3::new(1.0, 0.02, 1.0)), 0);
     let dent = spec_with("dent", &[0], "length = 0.3\ndepth = 0.05\nfacing = [0, 1, 0]");
     let mut over = b.clone();
@@ -395,8 +395,8 @@ fn changed_objects_have_copies_of_what_they_share() {
         assert!(Arc::ptr_eq(&own.mesh, &before.meshes[0].mesh), "the triangles are not copied");
         let m = &b.materials[own.material];
         match kind {
-            "missing" => assert!(m.alpha < 1.0 && m.alpha_mode == AlphaMode::Mask { cutoff: 1.0 }),
-            "faded" => assert_eq!((m.alpha, m.alpha_mode), (0.5, AlphaMode::Blend)),
+            "missing" => assert!(m.alpha.factor < 1.0 && m.alpha_mode == AlphaMode::Mask { cutoff: 1.0 }),
+            "faded" => assert_eq!((m.alpha.factor, m.alpha_mode), (0.5, AlphaMode::Blend)),
             _ => {
                 let moved = b.instances[0].to_world.translation - before.instances[0].to_world.translation;
                 assert!((moved.length() - 0.05).abs() < 1e-12 && moved.dot(done.normal).abs() < 1e-12);
@@ -450,8 +450,8 @@ fn what_cannot_be_made_is_refused() {
 #[test]
 fn rays_pass_a_missing_object_unchanged() {
     for material in [
-        Material { base_color_texture: None, ..Material::default() },
-        Material { transmission: 0.7, base_color: Rgb::new(0.9, 0.5, 0.1), ..Material::default() },
+        Material::default(),
+        Material { transmission: 0.7.into(), base_color: Rgb::new(0.9, 0.5, 0.1).into(), ..Material::default() },
         clear(),
     ] {
         let mut b = SceneBuilder::default();

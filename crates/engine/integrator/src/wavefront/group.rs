@@ -100,53 +100,31 @@ impl<'a> Wavefront<'a> {
             let scene = self.estimator.scene;
             let (in_medium, is_arrived) = (key & MEDIUM != 0, key & ARRIVED != 0);
             let material = (key & !(MEDIUM | ARRIVED)) / 2;
-            let (mut arrived, mut medium_albedo, mut paths) = (Arrived::default(), None, [0; MAX_WIDTH]);
-            let points = match is_arrived {
-                true => SurfacePoints::from_lanes(token, &arrived.points(arrivals, &mut rays)),
-                false => {
-                    scene.surface_points(token, &self.hits.lanes::<F>(token, &rays), self.rays.times(token, &rays))
-                }
+            let (mut arrived, mut paths) = (Arrived::default(), [0; MAX_WIDTH]);
+            let points = if is_arrived {
+                SurfacePoints::from_lanes(token, &arrived.points(arrivals, &mut rays))
+            } else {
+                scene.surface_points(token, &self.hits.lanes::<F>(token, &rays), self.rays.times(token, &rays))
             };
             for lane in 0..F::WIDTH {
                 paths[lane] = self.rays.paths[rays[lane] as usize];
             }
             let from = self.rays.directions::<F>(token, &rays);
             let wo = -from;
+            let medium = if in_medium { self.ray_state(rays[0] as usize).medium(scene) } else { None };
             let bsdfs = match in_medium {
                 true => {
-                    let medium = self.ray_state(rays[0] as usize).medium(scene);
-                    medium_albedo = medium.map(|medium| medium.albedo());
                     let phase = medium.map_or(Bsdf::Absorber, |medium| Bsdf::Phase(medium.phase));
                     Bsdfs::Same(storage[0].insert(phase))
                 }
                 false => scene.bsdfs(material, &points, (&arrived.u_kind, &arrived.eta), storage),
             };
-            let mut transmittance = Rgb::splat(F::splat(token, 1.0));
-            if !is_arrived && scene.has_solids() {
-                let mut enclosing = [EnclosingSolids::Last(None); MAX_WIDTH];
-                for lane in 0..F::WIDTH {
-                    enclosing[lane] = self.among_solids[paths[lane] as usize].enclosing;
-                }
-                transmittance = EnclosingSolids::transmittances(&enclosing, scene, points.distance);
-            }
-            let all = self.paths.as_slice();
-            let mut state = PathStates::<F>::load(
-                token,
-                #[inline(always)]
-                |lane| &all[paths[lane] as usize],
-            );
-            state.throughput *= transmittance;
+            let mut state = self.states(token, &paths, points.distance, is_arrived);
             if watch.observer.is_some() || !in_medium && scene.emits(material) {
                 self.add_emission(&paths[..len], (in_medium, material), &points, (wo, &mut state), watch);
             }
             state.path_length += points.distance;
-            let learned = match self.estimator.roulette {
-                Some(roulette) if !in_medium => {
-                    let materials = F::splat_word(token, material);
-                    roulette.at_lanes(token, points.point, materials, state.gain_scale)
-                }
-                _ => VertexRoulettes::none(token, state.gain_scale),
-            };
+            let learned = self.learned(token, (!in_medium).then_some(material), points.point, state.gain_scale);
             state.gain_scale = learned.gain_scale;
             let ShadingLanes { frames, receivers, visible } = match in_medium {
                 true => ShadingLanes::in_medium(points.point),
@@ -156,11 +134,7 @@ impl<'a> Wavefront<'a> {
                 state.throughput *= visible;
             }
             let used = F::mask(token, u32::MAX >> (32 - len));
-            let lit = match bsdfs {
-                Bsdfs::Same(bsdf) if bsdf.is_delta() => F::mask(token, 0),
-                Bsdfs::Same(_) => used,
-                Bsdfs::Each(each) => F::mask(token, lit_lanes(&each[..len])),
-            };
+            let lit = lit_lanes::<F>(token, &bsdfs, len, used);
             let is_first_light = lit & !state.light_vertices.is_positive();
             let gathered = state.radiance.max_channel().only(lit & state.light_vertices.is_positive());
             state.light_vertices += state.eta_scale.constant(1.0).only(lit);
@@ -188,11 +162,57 @@ impl<'a> Wavefront<'a> {
                 receivers,
                 arrived,
                 needs_outcomes: watch.needs_outcomes(),
-                medium_albedo,
+                medium_albedo: medium.map(|medium| medium.albedo()),
                 solid: (!in_medium && scene.is_solid(material)).then_some(material),
                 gathered,
             }
         })
+    }
+
+    /// The states of paths behind the solids on their way of the given length. Paths that were found one by one
+    /// (`is_arrived`) have passed these already.
+    #[inline(always)]
+    fn states<F: Lanes>(
+        &self,
+        token: F::Token,
+        paths: &[u32; MAX_WIDTH],
+        distance: F,
+        is_arrived: bool,
+    ) -> PathStates<F> {
+        let scene = self.estimator.scene;
+        let mut transmittance = Rgb::splat(F::splat(token, 1.0));
+        if !is_arrived && scene.has_solids() {
+            let mut enclosing = [EnclosingSolids::Last(None); MAX_WIDTH];
+            for lane in 0..F::WIDTH {
+                enclosing[lane] = self.among_solids[paths[lane] as usize].enclosing;
+            }
+            transmittance = EnclosingSolids::transmittances(&enclosing, scene, distance);
+        }
+        let all = self.paths.as_slice();
+        let mut state = PathStates::<F>::load(
+            token,
+            #[inline(always)]
+            |lane| &all[paths[lane] as usize],
+        );
+        state.throughput *= transmittance;
+        state
+    }
+
+    /// Learned survival probabilities at points on a material; of none in a medium.
+    #[inline(always)]
+    fn learned<F: Lanes>(
+        &self,
+        token: F::Token,
+        material: Option<u32>,
+        points: V3<F>,
+        gain_scale: F,
+    ) -> VertexRoulettes<'a, F> {
+        match (self.estimator.roulette, material) {
+            (Some(roulette), Some(material)) => {
+                roulette.at_lanes(token, points, F::splat_word(token, material), gain_scale)
+            }
+            _ => VertexRoulettes::none(token, gain_scale),
+        }
     }
 
     /// Adds the emission of the surfaces of a material that paths have reached.
@@ -314,8 +334,18 @@ impl<F: Lanes> Group<'_, F> {
     }
 }
 
+/// The used lanes whose BSDFs are not of single directions. The first `len` are used.
+#[inline(always)]
+fn lit_lanes<F: Lanes>(token: F::Token, bsdfs: &Bsdfs<'_>, len: usize, used: F::Mask) -> F::Mask {
+    match bsdfs {
+        Bsdfs::Same(bsdf) if bsdf.is_delta() => F::mask(token, 0),
+        Bsdfs::Same(_) => used,
+        Bsdfs::Each(each) => F::mask(token, lit_bits(&each[..len])),
+    }
+}
+
 /// Bits of the lanes whose BSDFs are not of single directions.
-fn lit_lanes(bsdfs: &[&Bsdf]) -> u32 {
+fn lit_bits(bsdfs: &[&Bsdf]) -> u32 {
     let bits = bsdfs.iter().enumerate().map(|(lane, bsdf)| u32::from(!bsdf.is_delta()) << lane);
     bits.fold(0, |all, bit| all | bit)
 }

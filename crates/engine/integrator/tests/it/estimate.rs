@@ -6,7 +6,7 @@ use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::shapes::{cuboid, rectangle, sphere};
 use dunkelfeld_scene::{
     AlphaMode, Environment, EnvironmentSource, Material, PunctualKind, PunctualLight, RayGenerator, Scene,
-    SceneBuilder, Surface, Volume,
+    SceneBuilder, Specular, Surface, Volume,
 };
 
 const SIZE: u32 = 12;
@@ -14,17 +14,18 @@ const SIZE: u32 = 12;
 /// A room with a floor, an absorbing glass ball, a veil, a box of metal, a panel, a dim sky.
 fn room() -> (Scene, RayGenerator) {
     let mut b = SceneBuilder::default();
-    let floor = b.add_material(Material { base_color: Rgb::new(0.8, 0.5, 0.3), ..Material::default() });
+    let floor = b.add_material(Material { base_color: Rgb::new(0.8, 0.5, 0.3).into(), ..Material::default() });
     b.add_object("floor", rectangle(Vec3::new(-1.0, -1.0, 0.0), Vec3::X * 2.0, Vec3::Y * 2.0), floor);
     let volume = Volume { attenuation_color: Rgb::new(0.9, 0.5, 0.2), attenuation_distance: 0.2, ..Volume::default() };
     let surface = Surface::Solid(volume);
-    let glass = b.add_material(Material { roughness: 0.0, transmission: 1.0, surface, ..Material::default() });
+    let glass =
+        b.add_material(Material { roughness: 0.0.into(), transmission: 1.0.into(), surface, ..Material::default() });
     b.add_object("ball", sphere(Vec3::new(0.2, 0.0, 0.3), 0.25, 12, true), glass);
-    let metal = b.add_material(Material { metallic: 1.0, roughness: 0.3, ..Material::default() });
+    let metal = b.add_material(Material { metallic: 1.0.into(), roughness: 0.3.into(), ..Material::default() });
     b.add_object("box", cuboid(Vec3::new(-0.5, -0.2, 0.01), Vec3::new(-0.1, 0.2, 0.3)), metal);
-    let veil = b.add_material(Material { alpha: 0.3, alpha_mode: AlphaMode::Blend, ..Material::default() });
+    let veil = b.add_material(Material { alpha: 0.3.into(), alpha_mode: AlphaMode::Blend, ..Material::default() });
     b.add_object("veil", rectangle(Vec3::new(-2.0, -0.9, 0.0), Vec3::X * 4.0, Vec3::Z * 2.0), veil);
-    let light = b.add_material(Material { emission: Rgb::splat(8.0), ..Material::default() });
+    let light = b.add_material(Material { emission: Rgb::splat(8.0).into(), ..Material::default() });
     b.add_object("light", rectangle(Vec3::new(-0.3, 0.3, 1.0), Vec3::X * 0.6, Vec3::NEG_Y * 0.6), light);
     b.environment = Some(Environment { source: EnvironmentSource::Constant(Rgb::splat(0.1)), rotation: 0.0 });
     b.add_camera("camera", DVec3::new(0.3, -1.5, 0.9), DVec3::new(0.0, 0.0, 0.15), 0.7);
@@ -75,7 +76,7 @@ fn a_trace_sums_to_its_sample_and_its_throughputs_are_products() {
 fn first_light_is_that_of_a_floor_without_a_wall() {
     let of = |has_wall| {
         let mut b = SceneBuilder::default();
-        let white = b.add_material(Material { base_color: Rgb::splat(0.8), ..Material::default() });
+        let white = b.add_material(Material { base_color: Rgb::splat(0.8).into(), ..Material::default() });
         b.add_object("floor", rectangle(Vec3::new(-1.0, -1.0, 0.0), Vec3::X * 2.0, Vec3::Y * 2.0), white);
         if has_wall {
             b.add_object("wall", rectangle(Vec3::new(-1.0, 1.0, 0.0), Vec3::X * 2.0, Vec3::Z * 2.0), white);
@@ -131,14 +132,19 @@ fn contact(alpha: Option<f32>, is_covered: bool) -> (Scene, RayGenerator) {
             object.to_world = turn;
         }
     };
-    let emitter = Material { emission: Rgb::WHITE, base_color: Rgb::BLACK, specular: 0.0, ..Material::default() };
+    let emitter = Material {
+        emission: Rgb::WHITE.into(),
+        base_color: Rgb::BLACK.into(),
+        specular: Specular::NONE,
+        ..Material::default()
+    };
     let ground = if is_covered { -0.07 } else { 0.0 };
     add(&mut b, "plate", Vec3::new(-1.0, -1.0, -0.2), Vec3::new(1.0, 1.0, ground), emitter);
     if is_covered {
         let volume = Volume { attenuation_color: Rgb::splat(0.5), attenuation_distance: 0.05, ..Volume::default() };
         let slab = Material {
-            roughness: 0.0,
-            transmission: 1.0,
+            roughness: 0.0.into(),
+            transmission: 1.0.into(),
             ior: 1.0,
             surface: Surface::Solid(volume),
             ..Material::default()
@@ -146,7 +152,12 @@ fn contact(alpha: Option<f32>, is_covered: bool) -> (Scene, RayGenerator) {
         add(&mut b, "slab", Vec3::new(-0.9, -0.9, -0.05), Vec3::new(0.9, 0.9, 0.0), slab);
     }
     if let Some(alpha) = alpha {
-        let body = Material { base_color: Rgb::BLACK, alpha, alpha_mode: AlphaMode::Blend, ..Material::default() };
+        let body = Material {
+            base_color: Rgb::BLACK.into(),
+            alpha: alpha.into(),
+            alpha_mode: AlphaMode::Blend,
+            ..Material::default()
+        };
         add(&mut b, "body", Vec3::new(-0.37, -0.41, 0.0), Vec3::new(0.33, 0.29, 0.3), body);
     }
     let (eye, at) = (DVec3::new(0.4, -1.1, 1.6), DVec3::new(0.0, 0.0, 0.0));

@@ -19,12 +19,12 @@ const RATE: f64 = 1e-9;
 /// A glossy floor, a metal box that casts a shadow on it, and lights of three kinds.
 fn room(count: usize) -> SceneBuilder {
     let mut b = SceneBuilder::default();
-    let floor = b.add_material(Material { roughness: 0.4, ..Material::default() });
+    let floor = b.add_material(Material { roughness: 0.4.into(), ..Material::default() });
     b.add_object("floor", rectangle(Vec3::new(-1.0, -1.0, 0.0), Vec3::X * 2.0, Vec3::Y * 2.0), floor);
-    let metal = b.add_material(Material { metallic: 1.0, roughness: 0.3, ..Material::default() });
+    let metal = b.add_material(Material { metallic: 1.0.into(), roughness: 0.3.into(), ..Material::default() });
     b.add_object("box", cuboid(Vec3::new(0.1, -0.1, 0.0), Vec3::new(0.3, 0.1, 0.3)), metal);
     for (i, radiance) in [9.0, 1.0, 4.0].into_iter().enumerate().take(count) {
-        let light = b.add_material(Material { emission: Rgb::splat(radiance), ..Material::default() });
+        let light = b.add_material(Material { emission: Rgb::splat(radiance).into(), ..Material::default() });
         let x = 0.7 * i as f32 - 0.9;
         b.add_object("panel", rectangle(Vec3::new(x, 0.2, 0.8), Vec3::X * 0.4, Vec3::NEG_Y * 0.4), light);
     }
@@ -114,11 +114,11 @@ const FRAMES: u32 = 6;
 /// A dark floor and a metal box under panels, where most paths end early. With `cover`, a clear sheet lies above them.
 fn dark_room(count: usize, cover: bool) -> Scene {
     let mut b = room(count);
-    b.materials[0].base_color = Rgb::splat(0.04);
+    b.materials[0].base_color.factor = Rgb::splat(0.04);
     if cover {
         let clear = b.add_material(Material {
-            roughness: 0.0,
-            transmission: 1.0,
+            roughness: 0.0.into(),
+            transmission: 1.0.into(),
             ior: 1.49,
             surface: Surface::Solid(Volume::default()),
             ..Material::default()
@@ -171,8 +171,8 @@ fn training_in_a_dense_medium_ends_early() {
     let mut b = room(3);
     let medium = Volume { scattering: Rgb::splat(3000.0), ..Volume::default() };
     let milk = b.add_material(Material {
-        roughness: 0.0,
-        transmission: 1.0,
+        roughness: 0.0.into(),
+        transmission: 1.0.into(),
         ior: 1.3,
         surface: Surface::Solid(medium),
         ..Material::default()

@@ -10,9 +10,9 @@ use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::mix64;
 use dunkelfeld_scene::shapes::{cuboid, rectangle, sphere};
 use dunkelfeld_scene::{
-    AlphaMode, ChannelTexture, ColorEncoding, EmissionProfile, Environment, EnvironmentSource, Finish, Grain, Image,
-    ImageId, LampShape, Leds, LightProfile, Material, Process, PunctualKind, PunctualLight, Scene, SceneBuilder,
-    Shutter, Surface, Texels, Texture, Volume,
+    AlphaMode, Anisotropy, Clearcoat, ColorEncoding, DiffuseTransmission, EmissionProfile, Environment,
+    EnvironmentSource, Finish, Grain, Image, ImageId, LampShape, Leds, LightProfile, Material, NormalMap, Parameter,
+    Process, PunctualKind, PunctualLight, Scene, SceneBuilder, Sheen, Shutter, Surface, Texels, Texture, Volume,
 };
 
 const SIZE: u32 = 24;
@@ -90,11 +90,24 @@ fn compare_groups(estimator: &Estimator<'_>, at: &[PixelSample], expected: &[Sam
 /// A floor of plastic, a smooth ball and a box of metal under a panel.
 fn station() -> SceneBuilder {
     let mut b = SceneBuilder::default();
-    let floor = b.add_material(Material { base_color: Rgb::new(0.8, 0.5, 0.3), roughness: 0.4, ..Material::default() });
+    let floor = b.add_material(Material {
+        base_color: Rgb::new(0.8, 0.5, 0.3).into(),
+        roughness: 0.4.into(),
+        ..Material::default()
+    });
     b.add_object("floor", rectangle(Vec3::new(-1.0, -1.0, 0.0), Vec3::X * 2.0, Vec3::Y * 2.0), floor);
-    let metal = b.add_material(Material { metallic: 1.0, roughness: 0.3, anisotropy: 0.5, ..Material::default() });
+    let metal = b.add_material(Material {
+        metallic: 1.0.into(),
+        roughness: 0.3.into(),
+        anisotropy: Anisotropy { strength: 0.5.into(), ..Anisotropy::default() },
+        ..Material::default()
+    });
     b.add_object("box", cuboid(Vec3::new(-0.5, -0.2, 0.01), Vec3::new(-0.1, 0.2, 0.3)), metal);
-    let coated = b.add_material(Material { clearcoat: 1.0, sheen_color: Rgb::splat(0.5), ..Material::default() });
+    let coated = b.add_material(Material {
+        clearcoat: Clearcoat { strength: 1.0.into(), ..Clearcoat::default() },
+        sheen: Sheen { color: Rgb::splat(0.5).into(), ..Sheen::default() },
+        ..Material::default()
+    });
     b.add_object("ball", sphere(Vec3::new(0.3, 0.1, 0.3), 0.25, 8, true), coated);
     panel(&mut b, -0.3, 8.0);
     b.add_camera("camera", DVec3::new(0.3, -1.5, 0.9), DVec3::new(0.0, 0.0, 0.15), 0.7);
@@ -102,7 +115,7 @@ fn station() -> SceneBuilder {
 }
 
 fn panel(b: &mut SceneBuilder, x: f32, radiance: f32) {
-    let light = b.add_material(Material { emission: Rgb::splat(radiance), ..Material::default() });
+    let light = b.add_material(Material { emission: Rgb::splat(radiance).into(), ..Material::default() });
     b.add_object(&format!("light at {x}"), rectangle(Vec3::new(x, 0.3, 1.0), Vec3::X * 0.6, Vec3::NEG_Y * 0.2), light);
 }
 
@@ -165,15 +178,23 @@ fn glass_and_veils() {
     let volume = Volume { attenuation_color: Rgb::new(0.9, 0.5, 0.2), attenuation_distance: 0.2, ..Volume::default() };
     for (x, roughness) in [(0.0, 0.0), (0.6, 0.3)] {
         let surface = Surface::Solid(volume);
-        let glass = b.add_material(Material { roughness, transmission: 1.0, surface, ..Material::default() });
+        let glass = b.add_material(Material {
+            roughness: roughness.into(),
+            transmission: 1.0.into(),
+            surface,
+            ..Material::default()
+        });
         b.add_object("glass", sphere(Vec3::new(x, -0.3, 0.2), 0.15, 8, true), glass);
     }
-    let sheet = b.add_material(Material { transmission: 0.6, roughness: 0.0, ..Material::default() });
+    let sheet = b.add_material(Material { transmission: 0.6.into(), roughness: 0.0.into(), ..Material::default() });
     b.add_object("sheet", rectangle(Vec3::new(-0.9, -0.8, 0.0), Vec3::X * 0.7, Vec3::Z * 0.5), sheet);
-    let paper = b.add_material(Material { diffuse_transmission: 0.5, ..Material::default() });
+    let paper = b.add_material(Material {
+        diffuse_transmission: DiffuseTransmission { share: 0.5.into(), ..DiffuseTransmission::default() },
+        ..Material::default()
+    });
     b.add_object("paper", rectangle(Vec3::new(-0.9, 0.5, 0.0), Vec3::X * 0.7, Vec3::Z * 0.7), paper);
     compare(b.clone(), "glass");
-    let veil = b.add_material(Material { alpha: 0.3, alpha_mode: AlphaMode::Blend, ..Material::default() });
+    let veil = b.add_material(Material { alpha: 0.3.into(), alpha_mode: AlphaMode::Blend, ..Material::default() });
     b.add_object("veil", rectangle(Vec3::new(-2.0, -0.9, 0.0), Vec3::X * 4.0, Vec3::Z * 2.0), veil);
     compare(b, "a veil");
 }
@@ -189,9 +210,14 @@ fn media_and_nested_solids() {
         ..Volume::default()
     };
     let (outer, inner) = (Surface::Solid(milk), Surface::Solid(Volume { scattering_anisotropy: -0.3, ..milk }));
-    let wax = b.add_material(Material { roughness: 0.2, transmission: 1.0, surface: outer, ..Material::default() });
+    let wax = b.add_material(Material {
+        roughness: 0.2.into(),
+        transmission: 1.0.into(),
+        surface: outer,
+        ..Material::default()
+    });
     b.add_object("wax", sphere(Vec3::new(0.0, -0.3, 0.25), 0.22, 8, true), wax);
-    let core = b.add_material(Material { ior: 1.3, transmission: 1.0, surface: inner, ..Material::default() });
+    let core = b.add_material(Material { ior: 1.3, transmission: 1.0.into(), surface: inner, ..Material::default() });
     b.add_object("core", cuboid(Vec3::new(-0.1, -0.4, 0.2), Vec3::new(0.1, -0.2, 0.3)), core);
     compare(b.clone(), "media");
     for k in 0..12 {
@@ -204,7 +230,8 @@ fn media_and_nested_solids() {
 fn light_through_a_cover() {
     let mut b = station();
     let surface = Surface::Solid(Volume::default());
-    let glass = b.add_material(Material { roughness: 0.0, transmission: 1.0, surface, ..Material::default() });
+    let glass =
+        b.add_material(Material { roughness: 0.0.into(), transmission: 1.0.into(), surface, ..Material::default() });
     b.add_object("plate", cuboid(Vec3::new(-0.9, -0.9, 0.6), Vec3::new(0.9, 0.9, 0.65)), glass);
     compare(b, "a cover");
 }
@@ -219,7 +246,7 @@ fn lamps_and_light_profiles() {
         (150, EmissionProfile::Louver { half_angle: 1.3 }, 1.4),
     ] {
         let leds = (columns > 0).then_some(Leds { columns, rows: 1, diameter: Some(0.01) });
-        let m = b.add_material(Material { emission: Rgb::splat(2.0), emission_profile, ..Material::default() });
+        let m = b.add_material(Material { emission: Rgb::splat(2.0).into(), emission_profile, ..Material::default() });
         let shape = LampShape::Ring { outer_diameter: 0.9, inner_diameter: 0.5, tilt: 0.4 };
         let lamp = b.add_object("lamp", shape.meshes(leds).emitter, m);
         b.instances[lamp].to_world = DAffine3::from_translation(DVec3::Z * z);
@@ -243,21 +270,25 @@ fn textured_and_moving_surfaces() {
     let texels = (0..64).map(|i| [0, 1, 2, 3].map(|channel| (mix64(4 * i + channel) >> 48) as u16)).collect();
     b.images.push(Image { name: "noise".into(), width: 8, height: 8, texels: Texels::Rgba16(texels).into() });
     let texture = Texture::new(ImageId(0), ColorEncoding::Linear);
-    let by_channel = Some(ChannelTexture { texture, channel: 1 });
+    let by_channel = Some(Texture { channel: 1, ..texture });
     let finish = |process| Finish { process, mean_deviation: 2e-4, seed: 1 };
     let turned = Process::Turned { feed: 0.01, axis: Vec3::Z, origin: Vec3::ZERO };
+    let anisotropy = Anisotropy { strength: 0.5.into(), ..Anisotropy::default() };
+    let ringed = Anisotropy { grain: Some(Grain::Around { axis: Vec3::Y, origin: Vec3::X }), ..anisotropy };
     let balls = [
-        Material { base_color_texture: Some(texture), ..Material::default() },
-        Material { normal_texture: Some(texture), normal_scale: 1.3, ..Material::default() },
-        Material { anisotropy: 0.5, anisotropy_texture: Some(texture), ..Material::default() },
-        Material { transmission: 0.6, transmission_texture: by_channel, ..Material::default() },
-        Material { finish: Some(finish(Process::Grained { size: 0.01 })), ..Material::default() },
-        Material { finish: Some(finish(turned)), anisotropy: 0.5, metallic: 1.0, ..Material::default() },
+        Material { base_color: Parameter { factor: Rgb::WHITE, texture: Some(texture) }, ..Material::default() },
+        Material { normal_map: NormalMap { texture: Some(texture), scale: 1.3 }, ..Material::default() },
         Material {
-            anisotropy: 0.5,
-            grain: Some(Grain::Around { axis: Vec3::Y, origin: Vec3::X }),
+            anisotropy: Anisotropy {
+                strength: Parameter { factor: 0.5, texture: Some(Texture { channel: 2, ..texture }) },
+                ..Anisotropy::default()
+            },
             ..Material::default()
         },
+        Material { transmission: Parameter { factor: 0.6, texture: by_channel }, ..Material::default() },
+        Material { finish: Some(finish(Process::Grained { size: 0.01 })), ..Material::default() },
+        Material { finish: Some(finish(turned)), anisotropy, metallic: 1.0.into(), ..Material::default() },
+        Material { anisotropy: ringed, ..Material::default() },
     ];
     for (k, material) in balls.into_iter().enumerate() {
         let m = b.add_material(material);

@@ -1,11 +1,12 @@
 //! Scenes without an effect. The description is changed before it is compiled, so that a disabled effect costs no time.
 
 use crate::build::builder::{PunctualKind, SceneBuilder};
-use crate::build::effects::{Effect, SMOOTH_ROUGHNESS};
+use crate::build::effects::Effect;
 use crate::camera::shutter::Shutter;
 use crate::light::emission_profile::EmissionProfile;
-use crate::material::texture::{Image, Texture};
-use crate::material::{AlphaMode, ChannelTexture, Material, Surface, Volume};
+use crate::material::texture::Image;
+use crate::material::texture_eval::Texel;
+use crate::material::{AlphaMode, Material, Parameter, Surface, Volume};
 use crate::media::medium::Medium;
 use dunkelfeld_geometry::RigidMotion;
 use dunkelfeld_radiometry::Rgb;
@@ -74,7 +75,6 @@ impl SceneBuilder {
 
 /// Removes an effect from a material.
 fn simplify(m: &mut Material, effect: Effect) {
-    let is_smooth = m.roughness < SMOOTH_ROUGHNESS && m.roughness_texture.is_none();
     let volume = |m: &mut Material, to: &dyn Fn(Medium, Volume) -> Volume| {
         if let Surface::Solid(v) = &mut m.surface {
             *v = to(Medium::new(v), *v);
@@ -83,78 +83,59 @@ fn simplify(m: &mut Material, effect: Effect) {
     // Absorption and scattering as coefficients only, without the additional attenuation.
     let stated = |v: Volume| Volume { attenuation_distance: f32::INFINITY, scattering_albedo: Rgb::BLACK, ..v };
     match effect {
-        Effect::NormalMaps => m.normal_texture = None,
+        Effect::NormalMaps => m.normal_map.texture = None,
         Effect::Coverage => (m.alpha_mode, m.is_back_invisible) = (AlphaMode::Opaque, false),
         Effect::EmissionProfiles => {
-            m.emission *= m.emission_profile.exitance() as f32;
+            m.emission.factor *= m.emission_profile.exitance() as f32;
             m.emission_profile = EmissionProfile::Lambertian;
         }
-        Effect::DiffuseTransmission => m.diffuse_transmission = 0.0,
+        Effect::DiffuseTransmission => m.diffuse_transmission.share.factor = 0.0,
         Effect::Absorption => {
             volume(m, &|medium, v| Volume { absorption: Rgb::BLACK, scattering: medium.scattering, ..stated(v) })
         }
         Effect::Scattering => {
             volume(m, &|medium, v| Volume { absorption: medium.absorption, scattering: Rgb::BLACK, ..stated(v) })
         }
-        Effect::Anisotropy => (m.anisotropy, m.anisotropy_texture) = (0.0, None),
+        Effect::Anisotropy => m.anisotropy.strength = 0.0.into(),
         Effect::Finish => m.finish = None,
-        Effect::Sheen => m.sheen_color = Rgb::BLACK,
-        Effect::Clearcoat => m.clearcoat = 0.0,
-        Effect::ThinSheets if m.surface == Surface::Thin && m.transmission > 0.0 => remove_refraction(m),
-        Effect::SmoothRefraction if is_refracting(m) && is_smooth => remove_refraction(m),
-        Effect::RoughRefraction if is_refracting(m) && !is_smooth => remove_refraction(m),
+        Effect::Sheen => m.sheen.color.factor = Rgb::BLACK,
+        Effect::Clearcoat => m.clearcoat.strength.factor = 0.0,
+        Effect::ThinSheets if m.surface == Surface::Thin && m.transmission.factor > 0.0 => remove_refraction(m),
+        Effect::SmoothRefraction if is_refracting(m) && m.is_smooth() => remove_refraction(m),
+        Effect::RoughRefraction if is_refracting(m) && !m.is_smooth() => remove_refraction(m),
         _ => {}
     }
 }
 
 fn is_refracting(m: &Material) -> bool {
-    m.transmission > 0.0 && matches!(m.surface, Surface::Solid(_))
+    m.transmission.factor > 0.0 && matches!(m.surface, Surface::Solid(_))
 }
 
 /// Light passes the surface in a straight line. Only tint and medium change it.
 fn remove_refraction(m: &mut Material) {
     m.ior = 1.0;
-    (m.roughness, m.roughness_texture) = (0.0, None);
+    m.roughness = 0.0.into();
 }
 
 /// Replaces every texture except the normal map by its mean.
 fn flatten(m: &mut Material, images: &[Image]) {
-    let mean = |t: &Texture| images.get(t.image.0 as usize).map_or([1.0; 4], |i| i.mean(t.encoding));
-    let color = |factor: &mut Rgb, texture: &mut Option<Texture>| {
-        if let Some(t) = texture.take() {
-            let [r, g, b, _] = mean(&t);
-            *factor *= Rgb::new(r, g, b);
-        }
-    };
-    let channel = |factor: &mut f32, texture: &mut Option<ChannelTexture>| {
-        if let Some(t) = texture.take() {
-            *factor *= mean(&t.texture)[usize::from(t.channel & 3)];
-        }
-    };
-    if let Some(t) = &m.base_color_texture {
-        m.alpha *= mean(t)[3];
+    fn set<T: Texel>(parameter: &mut Parameter<T>, images: &[Image]) {
+        *parameter = parameter.mean(images).into();
     }
-    color(&mut m.base_color, &mut m.base_color_texture);
-    color(&mut m.emission, &mut m.emission_texture);
-    color(&mut m.specular_color, &mut m.specular_color_texture);
-    color(&mut m.sheen_color, &mut m.sheen_color_texture);
-    channel(&mut m.alpha, &mut m.alpha_texture);
-    channel(&mut m.metallic, &mut m.metallic_texture);
-    channel(&mut m.roughness, &mut m.roughness_texture);
-    channel(&mut m.specular, &mut m.specular_texture);
-    channel(&mut m.transmission, &mut m.transmission_texture);
-    channel(&mut m.clearcoat, &mut m.clearcoat_texture);
-    channel(&mut m.clearcoat_roughness, &mut m.clearcoat_roughness_texture);
-    if let Some(t) = m.anisotropy_texture.take() {
-        m.anisotropy *= mean(&t)[2];
+    if let Some(t) = &m.base_color.texture {
+        m.alpha.factor *= t.mean(images)[3];
     }
+    let (colors, numbers, _) = m.parameters();
+    colors.into_iter().for_each(|color| set(color, images));
+    numbers.into_iter().for_each(|number| set(number, images));
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::build::effects::Effects;
-    use crate::material::texture::{ColorEncoding, ImageId};
+    use crate::material::texture::{ColorEncoding, ImageId, Texture};
+    use crate::material::{Anisotropy, Clearcoat, DiffuseTransmission, NormalMap, Sheen};
     use dunkelfeld_geometry::{Mesh, Vec3, Vec4};
 
     /// A scene that needs every effect that can be left out, except techniques, which only compiled scenes need.
@@ -171,18 +152,23 @@ mod tests {
         };
         let rich = Material {
             name: "rich".into(),
-            base_color_texture: Some(texture),
-            normal_texture: Some(texture),
+            base_color: Parameter { factor: Rgb::WHITE, texture: Some(texture) },
+            normal_map: NormalMap { texture: Some(texture), scale: 1.0 },
             alpha_mode: AlphaMode::Blend,
-            emission: Rgb::WHITE,
+            emission: Rgb::WHITE.into(),
             emission_profile: EmissionProfile::CosinePower { exponent: 3.0 },
-            diffuse_transmission: 0.2,
-            anisotropy: 0.5,
-            sheen_color: Rgb::splat(0.1),
-            clearcoat: 1.0,
+            diffuse_transmission: DiffuseTransmission { share: 0.2.into(), ..DiffuseTransmission::default() },
+            anisotropy: Anisotropy { strength: 0.5.into(), ..Anisotropy::default() },
+            sheen: Sheen { color: Rgb::splat(0.1).into(), ..Sheen::default() },
+            clearcoat: Clearcoat { strength: 1.0.into(), ..Clearcoat::default() },
             ..Material::default()
         };
-        let clear = |roughness, surface| Material { transmission: 1.0, roughness, surface, ..Material::default() };
+        let clear = |roughness: f32, surface| Material {
+            transmission: 1.0.into(),
+            roughness: roughness.into(),
+            surface,
+            ..Material::default()
+        };
         let materials =
             [rich, clear(0.0, Surface::Thin), clear(0.0, Surface::Solid(volume)), clear(0.3, Surface::Solid(volume))];
         for material in materials {
@@ -239,10 +225,10 @@ mod tests {
         let mut scene = everything();
         assert!(scene.leave_out(Effect::Textures));
         let m = &scene.materials[0];
-        assert!((m.alpha - 128.0 / 255.0).abs() < 1e-6);
+        assert!((m.alpha.factor - 128.0 / 255.0).abs() < 1e-6);
         let linear = |byte: f32| ((byte / 255.0 + 0.055) / 1.055).powf(2.4);
-        assert!((m.base_color.b / Material::default().base_color.b - linear(30.0)).abs() < 1e-5);
-        assert!(m.normal_texture.is_some(), "normal maps are an effect of their own");
+        assert!((m.base_color.factor.b / Material::default().base_color.factor.b - linear(30.0)).abs() < 1e-5);
+        assert!(m.normal_map.texture.is_some(), "normal maps are an effect of their own");
     }
 
     #[test]

@@ -1,8 +1,8 @@
 //! Several scenes in one: other units and axes, names with a prefix, the parts of a scene added to another one.
 
 use crate::build::builder::{Projection, PunctualKind, SceneBuilder};
+use crate::material::Surface;
 use crate::material::texture::ImageId;
-use crate::material::{Material, Surface};
 use dunkelfeld_geometry::{DAffine3, DMat3};
 
 impl SceneBuilder {
@@ -49,7 +49,9 @@ impl SceneBuilder {
         let (images, materials) = (self.images.len(), self.materials.len());
         let (meshes, profiles) = (self.meshes.len(), self.profiles.len());
         for material in &mut other.materials {
-            material.move_images(images as u32);
+            for texture in material.texture_slots().flatten() {
+                texture.image = ImageId(texture.image.0.saturating_add(images as u32));
+            }
         }
         other.meshes.iter_mut().for_each(|part| part.material += materials);
         other.instances.iter_mut().flat_map(|i| &mut i.meshes).for_each(|mesh| *mesh += meshes);
@@ -68,57 +70,18 @@ impl SceneBuilder {
     }
 }
 
-impl Material {
-    /// Adds `offset` to the index of each image.
-    fn move_images(&mut self, offset: u32) {
-        let colors = [
-            &mut self.base_color_texture,
-            &mut self.normal_texture,
-            &mut self.emission_texture,
-            &mut self.specular_color_texture,
-            &mut self.sheen_color_texture,
-            &mut self.anisotropy_texture,
-            &mut self.diffuse_transmission_color_texture,
-        ];
-        let channels = [
-            &mut self.alpha_texture,
-            &mut self.metallic_texture,
-            &mut self.roughness_texture,
-            &mut self.specular_texture,
-            &mut self.transmission_texture,
-            &mut self.diffuse_transmission_texture,
-            &mut self.clearcoat_texture,
-            &mut self.clearcoat_roughness_texture,
-        ];
-        let of_channels = channels.into_iter().flatten().map(|t| &mut t.texture);
-        for texture in colors.into_iter().flatten().chain(of_channels) {
-            texture.image = ImageId(texture.image.0.saturating_add(offset));
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::build::builder::{Camera, PunctualLight};
     use crate::light::luminaire::LightProfile;
-    use crate::material::texture::{ColorEncoding, Filter, Image, Texels, Texture, TextureTransform, Wrap};
-    use crate::material::{ChannelTexture, Volume};
+    use crate::material::texture::{ColorEncoding, Image, Texels, Texture};
+    use crate::material::{Material, Volume};
     use crate::shapes::rectangle;
     use dunkelfeld_geometry::{DVec3, Vec3};
     use dunkelfeld_radiometry::Rgb;
 
     fn textured() -> SceneBuilder {
-        let texture = Texture {
-            image: ImageId(0),
-            encoding: ColorEncoding::Linear,
-            wrap: [Wrap::Repeat; 2],
-            filter: Filter::Linear,
-            uv_set: 0,
-            transform: TextureTransform::default(),
-        };
-        // One texture in every slot, so that a slot that `append` leaves out has a wrong image.
-        let (color, channel) = (Some(texture), Some(ChannelTexture { texture, channel: 0 }));
         let mut scene = SceneBuilder::default();
         scene.images.push(Image {
             name: "red".into(),
@@ -126,26 +89,13 @@ mod tests {
             height: 1,
             texels: Texels::Rgb8(vec![[255, 0, 0]]).into(),
         });
-        let material = scene.add_material(Material {
+        let mut paint = Material {
             name: "paint".into(),
-            base_color_texture: color,
-            alpha_texture: channel,
-            metallic_texture: channel,
-            roughness_texture: channel,
-            normal_texture: color,
-            emission_texture: color,
-            specular_texture: channel,
-            specular_color_texture: color,
-            transmission_texture: channel,
-            diffuse_transmission_texture: channel,
-            diffuse_transmission_color_texture: color,
-            clearcoat_texture: channel,
-            clearcoat_roughness_texture: channel,
-            sheen_color_texture: color,
-            anisotropy_texture: color,
             surface: Surface::Solid(Volume { attenuation_distance: 2.0, scattering: Rgb::WHITE, ..Volume::default() }),
             ..Material::default()
-        });
+        };
+        paint.texture_slots().for_each(|slot| *slot = Some(Texture::new(ImageId(0), ColorEncoding::Linear)));
+        let material = scene.add_material(paint);
         scene.add_object("plate", rectangle(Vec3::ZERO, Vec3::X, Vec3::Y), material);
         let profile = LightProfile::new("lamp", &[0.0, 180.0], &[0.0], vec![1.0, 1.0]).expect("a profile");
         scene.profiles.push(profile);

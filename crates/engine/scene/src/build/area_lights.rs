@@ -22,7 +22,7 @@ impl PlacedScene {
         let (mut lights, mut mesh_lights) = (Vec::new(), Vec::new());
         for (part_index, part) in self.parts.iter_mut().enumerate() {
             let material = &materials[part.material as usize];
-            if material.emission.is_black() && !material.unlit {
+            if !material.emits() {
                 continue;
             }
             let mesh = &self.meshes[part.mesh as usize];

@@ -407,7 +407,7 @@ mod tests {
     /// A floor, and three balls with enough triangles for trees of their own.
     fn balls(rings: u32) -> SceneBuilder {
         let mut b = SceneBuilder::default();
-        let grey = b.add_material(Material { base_color: Rgb::splat(0.5), ..Material::default() });
+        let grey = b.add_material(Material { base_color: Rgb::splat(0.5).into(), ..Material::default() });
         b.add_object("floor", cuboid(Vec3::new(-2.0, -1.0, -0.2), Vec3::new(2.0, 1.0, -0.1)), grey);
         for (i, name) in ["left", "middle", "right"].into_iter().enumerate() {
             b.add_object(name, sphere(Vec3::new(i as f32 - 1.0, 0.1, 0.3), 0.3, rings, true), grey);
@@ -470,7 +470,7 @@ mod tests {
         assert!(first.parts.iter().all(|p| p.facets.is_none()));
         let tree = |cache: &BuildCache| cache.shared.as_ref().map(|s| s.tree.clone()).expect("a tree");
         let before = tree(&cache);
-        b.materials[0].roughness = 0.2;
+        b.materials[0].roughness.factor = 0.2;
         assert_same(&b, &mut cache);
         assert!(Arc::ptr_eq(&before, &tree(&cache)), "a material changes no tree");
         b.instances[1].to_world = DAffine3::from_translation(DVec3::X);

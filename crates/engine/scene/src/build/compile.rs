@@ -66,17 +66,12 @@ impl SceneBuilder {
         if bounds.is_none() && had_triangles && !self.has_background() {
             return Err(BuildError::NothingLeft { lost: losses(&report) });
         }
-        let extent =
-            times.and_then(|times| moving_bounds(bounds, &placed, &self.meshes, times, &mut builds)).or(bounds);
-        let Space { world_origin, radius } = Space::new(extent, baking.has_own_trees());
-        if radius > LARGEST_RADIUS {
-            let place = farthest(&placed, &self.meshes);
-            return Err(BuildError::TooLarge { place, radius: format!("{radius:.1e} m") });
-        }
+        let Space { world_origin, radius } = self.space(&placed, bounds, baking.has_own_trees(), &mut builds)?;
         let radius = radius as f32;
         let to_render = DAffine3::from_translation(-world_origin);
         let mut geometry = {
-            let of_object = |m: usize| self.materials[m].grain.is_some() || self.materials[m].finish.is_some();
+            let of_object =
+                |m: usize| self.materials[m].anisotropy.grain.is_some() || self.materials[m].finish.is_some();
             PlacedScene::new(&placed, &self.meshes, (&baking, times, &of_object), world_origin, &mut builds)?
         };
         drop(std::mem::take(&mut self.meshes));
@@ -86,20 +81,17 @@ impl SceneBuilder {
         geometry.check_density(&solids.list, &closed).map_err(|(part, problem)| self.too_dense(part, problem))?;
         let lights = self.light_table(&mut geometry, &compiled, (&to_render, radius), &mut report);
         self.report_unfindable_light(&geometry.parts, &compiled, &mut report);
-        let has_coverage = geometry.parts.iter().any(|p| compiled[p.material as usize].has_coverage);
-        let has_solids = geometry.parts.iter().any(|p| compiled[p.material as usize].is_solid);
+        let material = |part: &Part| &compiled[part.material as usize];
+        let has_coverage = geometry.parts.iter().any(|p| material(p).has_coverage);
+        let has_solids = geometry.parts.iter().any(|p| material(p).is_solid);
         // Shadow rays pass partly covering surfaces. They also pass clear faces between equal indices of refraction, if
         // the scene can have them.
-        let is_open = |c: &CompiledMaterial| c.clear_tint.is_some();
-        let has_open_faces =
-            geometry.parts.iter().any(|p| is_open(&compiled[p.material as usize]) && solids.is_open(p.solid));
+        let is_open = |part: &Part| material(part).clear_tint.is_some();
+        let has_open_faces = geometry.parts.iter().any(|p| is_open(p) && solids.is_open(p.solid));
         let scatters = solids.list.iter().any(|s| s.medium.scatters());
         let learns = self.techniques.learned_roulette && !geometry.parts.is_empty();
         add_compiled_effects(&mut effects, solids.has_nesting, &lights, learns);
-        let covers_partly = |part: &Part| {
-            let compiled = &compiled[part.material as usize];
-            compiled.has_coverage || (has_open_faces && is_open(compiled))
-        };
+        let covers_partly = |part: &Part| material(part).has_coverage || (has_open_faces && is_open(part));
         let bvh = geometry.hierarchy(&covers_partly, &mut builds)?;
         let depends_on_time = effects.has(Effect::Motion) || effects.has(Effect::LineScan);
         let mut scene = Scene {
@@ -134,6 +126,27 @@ impl SceneBuilder {
         }
         builds.finish();
         Ok((scene, report))
+    }
+
+    /// The space of the render.
+    ///
+    /// # Errors
+    /// If the scene is too large.
+    fn space(
+        &self,
+        placed: &[PlacedObject],
+        bounds: Option<[DVec3; 2]>,
+        is_coarse: bool,
+        builds: &mut Builds<'_>,
+    ) -> Result<Space, BuildError> {
+        let times = self.shutter.map(|shutter| shutter.times());
+        let extent = times.and_then(|times| moving_bounds(bounds, placed, &self.meshes, times, builds)).or(bounds);
+        let space = Space::new(extent, is_coarse);
+        if space.radius > LARGEST_RADIUS {
+            let place = farthest(placed, &self.meshes);
+            return Err(BuildError::TooLarge { place, radius: format!("{:.1e} m", space.radius) });
+        }
+        Ok(space)
     }
 
     /// All lights: emitting triangles, punctual ones in the space of the render, and the environment.
@@ -214,7 +227,7 @@ impl SceneBuilder {
             lost_digits.into_iter().for_each(|message| report.hazard(&place, message));
             let material = &self.materials[part.material];
             let health = if may_bound_a_volume(material) { healths.next() } else { None };
-            if material.transmission > 0.0 && material.metallic >= 1.0 && material.metallic_texture.is_none() {
+            if material.transmission.factor > 0.0 && material.is_metal() {
                 report.hazard(
                     &place,
                     format!("material \"{}\" is metal (metallic 1, glTF's default), so its transmission has no effect; set metallic to 0", material.name),
@@ -303,11 +316,8 @@ fn add_compiled_effects(effects: &mut Effects, has_nesting: bool, lights: &Light
 
 /// Does it matter whether a mesh of this material is closed?
 fn may_bound_a_volume(material: &Material) -> bool {
-    let passes = material.transmission > 0.0 || material.diffuse_transmission > 0.0;
-    match material.surface {
-        Surface::Thin => material.transmission > 0.0,
-        Surface::Solid(_) => passes,
-    }
+    let is_solid = matches!(material.surface, Surface::Solid(_));
+    material.transmission.factor > 0.0 || is_solid && material.diffuse_transmission.share.factor > 0.0
 }
 
 /// Is the mesh closed, other than a sheet that was modelled from both sides?

@@ -9,9 +9,6 @@ use crate::light::emission_profile::EmissionProfile;
 use crate::material::{AlphaMode, Material, Surface};
 use crate::media::medium::Medium;
 
-/// Below this perceptual roughness a clear surface refracts and reflects in single directions.
-pub(crate) const SMOOTH_ROUGHNESS: f32 = 0.01;
-
 /// A part of light transport that only some scenes need, or a technique that only some scenes use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, serde::Serialize)]
 pub enum Effect {
@@ -181,7 +178,7 @@ impl Effects {
         }
         for (material, _) in scene.materials.iter().zip(used).filter(|(_, used)| *used) {
             effects.add_from_material(material);
-            let rough = material.roughness > 0.0 || material.roughness_texture.is_some();
+            let rough = material.roughness.factor > 0.0 || material.roughness.texture.is_some();
             if scene.energy_compensation && rough && !material.unlit {
                 effects.add(Effect::EnergyCompensation, material_place(material));
             }
@@ -245,34 +242,37 @@ impl Effects {
     }
 
     fn add_from_material(&mut self, m: &Material) {
-        let transmits = m.transmission > 0.0 && (m.metallic < 1.0 || m.metallic_texture.is_some());
+        let transmits = m.transmission.factor > 0.0 && !m.is_metal();
         let medium = match &m.surface {
             Surface::Solid(volume) if transmits => Some(Medium::new(volume)),
             _ => None,
         };
-        let is_textured = m.textures().count() > usize::from(m.normal_texture.is_some());
+        let has_normal_map = m.normal_map.texture.is_some();
+        let is_textured = m.textures().count() > usize::from(has_normal_map);
         // An interface between equal indices of refraction neither bends light nor reflects it.
         let bends = transmits && m.ior != 1.0;
-        let is_smooth = m.roughness < SMOOTH_ROUGHNESS && m.roughness_texture.is_none();
-        let colors = [m.base_color, m.emission, m.specular_color, m.sheen_color];
+        let colors = [m.base_color, m.emission, m.specular.color, m.sheen.color];
         let is_colored = is_textured
-            || colors.iter().any(|c| !is_grey(*c))
+            || colors.iter().any(|c| !is_grey(c.factor))
             || medium.as_ref().is_some_and(|v| !is_grey(v.absorption) || !is_grey(v.scattering));
         let required = [
             (Effect::Textures, is_textured),
-            (Effect::NormalMaps, m.normal_texture.is_some()),
+            (Effect::NormalMaps, has_normal_map),
             (Effect::Coverage, m.alpha_mode != AlphaMode::Opaque || m.is_back_invisible),
             (Effect::ThinSheets, bends && medium.is_none()),
-            (Effect::DiffuseTransmission, m.diffuse_transmission > 0.0),
-            (Effect::SmoothRefraction, bends && medium.is_some() && is_smooth),
-            (Effect::RoughRefraction, bends && medium.is_some() && !is_smooth),
+            (Effect::DiffuseTransmission, m.diffuse_transmission.share.factor > 0.0),
+            (Effect::SmoothRefraction, bends && medium.is_some() && m.is_smooth()),
+            (Effect::RoughRefraction, bends && medium.is_some() && !m.is_smooth()),
             (Effect::Absorption, medium.as_ref().is_some_and(|v| !v.absorption.is_black())),
             (Effect::Scattering, medium.as_ref().is_some_and(Medium::scatters)),
-            (Effect::Anisotropy, m.anisotropy != 0.0),
+            (Effect::Anisotropy, m.anisotropy.strength.factor != 0.0),
             (Effect::Finish, m.finish.is_some()),
-            (Effect::Sheen, !m.sheen_color.is_black()),
-            (Effect::Clearcoat, m.clearcoat > 0.0),
-            (Effect::EmissionProfiles, m.emission_profile != EmissionProfile::Lambertian && !m.emission.is_black()),
+            (Effect::Sheen, !m.sheen.color.factor.is_black()),
+            (Effect::Clearcoat, m.clearcoat.strength.factor > 0.0),
+            (
+                Effect::EmissionProfiles,
+                m.emission_profile != EmissionProfile::Lambertian && !m.emission.factor.is_black(),
+            ),
             (Effect::Color, is_colored),
         ];
         for (effect, _) in required.into_iter().filter(|(_, is_required)| *is_required) {
@@ -306,4 +306,37 @@ pub(crate) fn material_place(m: &Material) -> String {
 
 fn is_grey(c: dunkelfeld_radiometry::Rgb) -> bool {
     c.r == c.g && c.g == c.b
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::material::Volume;
+    use dunkelfeld_geometry::Mesh;
+    use dunkelfeld_radiometry::Rgb;
+
+    fn scene(material: Material) -> SceneBuilder {
+        let mut scene = SceneBuilder::default();
+        let index = scene.add_material(material);
+        scene.add_object("body", Mesh::default(), index);
+        scene
+    }
+
+    #[test]
+    fn effects_of_a_material_are_listed_with_its_name() {
+        let volume = Volume { scattering: Rgb::splat(100.0), absorption: Rgb::new(1.0, 2.0, 3.0), ..Volume::default() };
+        let frosted = Material {
+            name: "frosted".into(),
+            transmission: 1.0.into(),
+            roughness: 0.3.into(),
+            surface: Surface::Solid(volume),
+            alpha_mode: AlphaMode::Blend,
+            ..Material::default()
+        };
+        let effects = Effects::from_scene(&scene(frosted));
+        let called: Vec<Effect> = Effect::ALL.into_iter().filter(|&e| effects.has(e)).collect();
+        let wanted = [Effect::Coverage, Effect::RoughRefraction, Effect::Absorption, Effect::Scattering, Effect::Color];
+        assert_eq!(called, wanted);
+        assert_eq!(effects.users(Effect::Scattering), ["material \"frosted\""]);
+    }
 }

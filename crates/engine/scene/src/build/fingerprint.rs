@@ -157,7 +157,7 @@ mod tests {
 
     fn builder() -> SceneBuilder {
         let mut b = SceneBuilder::default();
-        let grey = b.add_material(Material { base_color: Rgb::splat(0.5), ..Material::default() });
+        let grey = b.add_material(Material { base_color: Rgb::splat(0.5).into(), ..Material::default() });
         b.add_object("box", cuboid(Vec3::ZERO, Vec3::ONE), grey);
         b.add_object("ball", sphere(Vec3::new(3.0, 0.0, 0.0), 1.0, 8, true), grey);
         b.add_camera("camera", DVec3::new(0.0, -5.0, 0.0), DVec3::ZERO, 0.7);
@@ -180,7 +180,7 @@ mod tests {
                 let mesh = Arc::make_mut(&mut b.meshes[1].mesh);
                 mesh.positions[3].x = mesh.positions[3].x.next_up();
             },
-            |b| b.materials[0].roughness = b.materials[0].roughness.next_down(),
+            |b| b.materials[0].roughness.factor = b.materials[0].roughness.factor.next_down(),
             |b| b.cameras[0].name.push('s'),
             |b| {
                 b.add_object("other", cuboid(Vec3::splat(7.0), Vec3::splat(8.0)), 0);

@@ -140,7 +140,7 @@ fn materials(scene: &Scene, report: &mut BuildReport) {
         let (ior, clear) = (m.ior, compiled.both_sides);
         if ior < 1.0 && clear {
             report.hazard(place(), format!("has an index of refraction of {ior}, as if the surroundings were the denser medium; if that is not meant, give the inverse, {:.4}", 1.0 / ior));
-        } else if ior > 4.1 && m.metallic < 1.0 {
+        } else if ior > 4.1 && m.metallic.factor < 1.0 {
             report.hazard(place(), format!("has an index of refraction of {ior}; clear materials have 1 to 4.1 (germanium), and from 1000 on the number is cut off; for a metal set metallic to 1"));
         } else if compiled.is_solid && ior != 1.0 && (ior - 1.0).abs() < dunkelfeld_bsdf::dielectric::MATCHED_INDEX {
             report.hazard(place(), format!("has an index of refraction of {ior}, too near to 1: it neither reflects nor refracts; use 1, or differ by 0.001 at least"));
@@ -153,7 +153,7 @@ fn materials(scene: &Scene, report: &mut BuildReport) {
 fn tiny_emitters(scene: &Scene, boxes: &[Aabb], report: &mut BuildReport) {
     let sharp = scene.parts.iter().map(|p| p.material as usize).find(|&m| {
         let material = &scene.materials[m];
-        scene.compiled[m].is_smooth_clear || (material.metallic > 0.5 && material.roughness < SHARP)
+        scene.compiled[m].is_smooth_clear || (material.metallic.factor > 0.5 && material.roughness.factor < SHARP)
     });
     let Some(sharp) = sharp else { return };
     let emitters = scene.parts.iter().zip(boxes).filter(|(p, _)| scene.compiled[p.material as usize].emits);

@@ -93,10 +93,7 @@ fn check_motion(builder: &SceneBuilder) -> Result<(), BuildError> {
     for instance in &builder.instances {
         let place = || format!("object \"{}\"", instance.name);
         require(instance.motion.is_finite(), place, "its motion must be finite, with an axis of unit length")?;
-        let emits = |&m: &usize| {
-            let material = &builder.materials[builder.meshes[m].material];
-            material.unlit || !material.emission.is_black()
-        };
+        let emits = |&m: &usize| builder.materials[builder.meshes[m].material].emits();
         let is_lit = builder.moves(instance) && instance.meshes.iter().any(emits);
         require(
             !is_lit,
@@ -126,34 +123,23 @@ fn check_motion(builder: &SceneBuilder) -> Result<(), BuildError> {
 
 fn check_material(m: &Material) -> Result<(), BuildError> {
     let place = || format!("material \"{}\"", m.name);
-    require(is_radiance(m.emission), place, "the emission must be finite and not negative")?;
-    let colors = [m.base_color, m.specular_color, m.sheen_color, m.diffuse_transmission_color];
-    require(colors.iter().all(|c| c.is_finite()), place, "colours must be finite")?;
-    require(!m.unlit || is_radiance(m.base_color), place, "an unlit colour must not be negative")?;
+    require(is_radiance(m.emission.factor), place, "the emission must be finite and not negative")?;
+    let mut copy = m.clone();
+    let (colors, numbers, _) = copy.parameters();
+    require(colors.iter().all(|c| c.factor.is_finite()), place, "colours must be finite")?;
+    require(!m.unlit || is_radiance(m.base_color.factor), place, "an unlit colour must not be negative")?;
     require(m.ior.is_finite() && m.ior > 0.0, place, "the index of refraction must be finite and above 0")?;
     require(m.emission_profile.is_valid(), place, "the emission profile must have angles in its range")?;
     if let Some(finish) = &m.finish {
         require(finish.is_valid(), place, "the lengths of a finish must be above 0, and its directions not zero")?;
-        let is_opaque = m.transmission == 0.0 && m.diffuse_transmission == 0.0;
+        let is_opaque = m.transmission.factor == 0.0 && m.diffuse_transmission.share.factor == 0.0;
         require(is_opaque, place, "a finish needs a surface that no light passes")?;
     }
-    require(m.grain.is_none_or(|grain| grain.is_valid()), place, "the direction of a grain must not be zero")?;
-    let factors = [
-        m.alpha,
-        m.metallic,
-        m.roughness,
-        m.normal_scale,
-        m.specular,
-        m.transmission,
-        m.diffuse_transmission,
-        m.clearcoat,
-        m.clearcoat_roughness,
-        m.sheen_roughness,
-        m.anisotropy,
-        m.anisotropy_rotation,
-        m.specular_tint,
-    ];
-    require(factors.iter().all(|v| v.is_finite()), place, "factors must be finite")
+    let is_grain = m.anisotropy.grain.is_none_or(|grain| grain.is_valid());
+    require(is_grain, place, "the direction of a grain must not be zero")?;
+    let others = [m.normal_map.scale, m.specular.tint, m.sheen.roughness, m.anisotropy.rotation];
+    let mut factors = numbers.iter().map(|number| number.factor).chain(others);
+    require(factors.all(f32::is_finite), place, "factors must be finite")
 }
 
 fn require(fits: bool, place: impl Fn() -> String, problem: &str) -> Result<(), BuildError> {

@@ -9,7 +9,6 @@
 use super::scene_covers::{Covers, NO_COVER};
 use super::slab_face::{self, Facing, Triangle};
 use super::stack::{CoverInterface, CoverLayer, CoverStack, MAX_INTERFACES, TouchingSolid};
-use crate::build::effects::SMOOTH_ROUGHNESS;
 use crate::material::{Material, Surface};
 use crate::media::medium::Medium;
 use crate::media::nested_dielectrics::NO_SOLID;
@@ -146,8 +145,8 @@ fn is_clear(scene: &Scene, material: usize) -> bool {
 /// True if light passes the surface of a material everywhere in single directions.
 fn is_smooth(scene: &Scene, material: usize) -> bool {
     let (m, compiled): (&Material, _) = (&scene.materials[material], &scene.compiled[material]);
-    let is_even = m.roughness < SMOOTH_ROUGHNESS && m.roughness_texture.is_none() && m.normal_texture.is_none();
-    let is_full = m.transmission >= 1.0 && m.transmission_texture.is_none() && m.metallic <= 0.0;
+    let is_even = m.is_smooth() && m.normal_map.texture.is_none();
+    let is_full = m.transmission.factor >= 1.0 && m.transmission.texture.is_none() && m.metallic.factor <= 0.0;
     let is_there = !compiled.has_coverage && !compiled.emits;
     compiled.is_solid && is_even && is_full && is_there
 }

@@ -9,13 +9,22 @@ use crate::material::finish::{Finish, Grain};
 use crate::material::texture::Texture;
 use dunkelfeld_radiometry::Rgb;
 
-/// A texture of which one channel is read.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
-pub struct ChannelTexture {
-    /// The texture.
-    pub texture: Texture,
-    /// 0 red, 1 green, 2 blue, 3 alpha.
-    pub channel: u8,
+/// Below this perceptual roughness a clear surface refracts and reflects in single directions.
+pub(crate) const SMOOTH_ROUGHNESS: f32 = 0.01;
+
+/// A colour or a number of a material: a factor, and a texture that multiplies it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+pub struct Parameter<T> {
+    /// The value without a texture.
+    pub factor: T,
+    /// Multiplies the factor. A number is read from one channel of it.
+    pub texture: Option<Texture>,
+}
+
+impl<T> From<T> for Parameter<T> {
+    fn from(factor: T) -> Self {
+        Self { factor, texture: None }
+    }
 }
 
 /// Interpretation of coverage (alpha).
@@ -84,8 +93,86 @@ pub enum Surface {
     Solid(Volume),
 }
 
-/// A material: the metallic-roughness model with its glTF extensions, in linear values. Every factor multiplies its
-/// texture.
+/// Normals of a texture, in tangent space.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct NormalMap {
+    /// The normals.
+    pub texture: Option<Texture>,
+    /// Scales their x and y.
+    pub scale: f32,
+}
+
+/// The dielectric reflection (KHR_materials_specular).
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Specular {
+    /// Its strength.
+    pub strength: Parameter<f32>,
+    /// Tint at normal incidence.
+    pub color: Parameter<Rgb>,
+    /// Share of the hue of the base colour in this tint.
+    pub tint: f32,
+}
+
+impl Specular {
+    /// No reflection.
+    pub const NONE: Self = Self {
+        strength: Parameter { factor: 0.0, texture: None },
+        color: Parameter { factor: Rgb::WHITE, texture: None },
+        tint: 0.0,
+    };
+}
+
+impl Default for Specular {
+    fn default() -> Self {
+        Self { strength: 1.0.into(), ..Self::NONE }
+    }
+}
+
+/// Light that leaves on the other side (KHR_materials_diffuse_transmission).
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct DiffuseTransmission {
+    /// Share of the diffuse light.
+    pub share: Parameter<f32>,
+    /// Colour of that light.
+    pub color: Parameter<Rgb>,
+}
+
+impl Default for DiffuseTransmission {
+    fn default() -> Self {
+        Self { share: 0.0.into(), color: Rgb::WHITE.into() }
+    }
+}
+
+/// A clear coat.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+pub struct Clearcoat {
+    /// Its strength.
+    pub strength: Parameter<f32>,
+    /// Its perceptual roughness.
+    pub roughness: Parameter<f32>,
+}
+
+/// The sheen of cloth (KHR_materials_sheen).
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+pub struct Sheen {
+    /// Its colour.
+    pub color: Parameter<Rgb>,
+    /// Its roughness (kept for reports; the sheen lobe has a fixed shape).
+    pub roughness: f32,
+}
+
+/// Highlights that are stretched along a direction (KHR_materials_anisotropy).
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+pub struct Anisotropy {
+    /// In \[-1, 1\]; positive stretches along the tangent. Red and green of the texture are a direction.
+    pub strength: Parameter<f32>,
+    /// Rotation of the axis from the tangent \[rad\].
+    pub rotation: f32,
+    /// Direction of grooves: the axis lies across them, instead of along the tangents of the mesh.
+    pub grain: Option<Grain>,
+}
+
+/// A material: the metallic-roughness model with its glTF extensions, in linear values.
 ///
 /// `Default` is glTF's default material with ior 1.5, except for two values. White, metallic 1 and roughness 1 are the
 /// defaults of a glTF *file*. Here metallic is 0 and roughness is 0.5, which suit a program that sets only some fields.
@@ -93,37 +180,25 @@ pub enum Surface {
 pub struct Material {
     /// Name, for overrides and reports.
     pub name: String,
-    /// Base colour in \[0, 1\].
-    pub base_color: Rgb,
-    /// RGB multiplies `base_color`, its alpha multiplies `alpha`.
-    pub base_color_texture: Option<Texture>,
+    /// Base colour in \[0, 1\]. The alpha of its texture multiplies `alpha`.
+    pub base_color: Parameter<Rgb>,
     /// Coverage in \[0, 1\], interpreted by `alpha_mode`.
-    pub alpha: f32,
-    /// A separate coverage map (OBJ `map_d`).
-    pub alpha_texture: Option<ChannelTexture>,
+    pub alpha: Parameter<f32>,
     /// Interpretation of coverage.
     pub alpha_mode: AlphaMode,
     /// 0 dielectric, 1 metal.
-    pub metallic: f32,
-    /// Multiplies `metallic`.
-    pub metallic_texture: Option<ChannelTexture>,
+    pub metallic: Parameter<f32>,
     /// Perceptual roughness in \[0, 1\]; GGX alpha is its square.
-    pub roughness: f32,
-    /// Multiplies `roughness`.
-    pub roughness_texture: Option<ChannelTexture>,
-    /// Tangent-space normal map.
-    pub normal_texture: Option<Texture>,
-    /// Scales x and y of the normal map.
-    pub normal_scale: f32,
+    pub roughness: Parameter<f32>,
+    /// Normal map.
+    pub normal_map: NormalMap,
     /// Emitted radiance [W/(m^2 sr)] of the front, and of the back where `double_sided`.
-    pub emission: Rgb,
-    /// Multiplies `emission`.
-    pub emission_texture: Option<Texture>,
-    /// True if the surface emits on both sides. (It always scatters on both.)
-    pub double_sided: bool,
+    pub emission: Parameter<Rgb>,
     /// Angular distribution of the emitted radiance; `emission` is its value along the normal where the profile is 1
     /// there.
     pub emission_profile: EmissionProfile,
+    /// True if the surface emits on both sides. (It always scatters on both.)
+    pub double_sided: bool,
     /// True if rays that come from behind pass the surface as if it were absent. A lamp in front of a camera is then
     /// invisible to it, like the image of a lamp in a beam splitter.
     pub is_back_invisible: bool,
@@ -131,82 +206,74 @@ pub struct Material {
     pub unlit: bool,
     /// Index of refraction; inside another solid the ratio of both indices is used.
     pub ior: f32,
-    /// Strength of the dielectric reflection (KHR_materials_specular).
-    pub specular: f32,
-    /// Multiplies `specular`.
-    pub specular_texture: Option<ChannelTexture>,
-    /// Tint of the dielectric reflection at normal incidence.
-    pub specular_color: Rgb,
-    /// Multiplies `specular_color`.
-    pub specular_color_texture: Option<Texture>,
+    /// Dielectric reflection.
+    pub specular: Specular,
     /// Share of the non-metallic light that is transmitted instead of scattered diffusely.
-    pub transmission: f32,
-    /// Multiplies `transmission`.
-    pub transmission_texture: Option<ChannelTexture>,
-    /// Share of the diffuse light that leaves on the other side (KHR_materials_diffuse_transmission).
-    pub diffuse_transmission: f32,
-    /// Multiplies `diffuse_transmission`.
-    pub diffuse_transmission_texture: Option<ChannelTexture>,
-    /// Colour of that light.
-    pub diffuse_transmission_color: Rgb,
-    /// Multiplies `diffuse_transmission_color`.
-    pub diffuse_transmission_color_texture: Option<Texture>,
+    pub transmission: Parameter<f32>,
+    /// Diffuse light that leaves on the other side.
+    pub diffuse_transmission: DiffuseTransmission,
     /// Thin sheet or boundary of a solid.
     pub surface: Surface,
-    /// Strength of a clear coat.
-    pub clearcoat: f32,
-    /// Multiplies `clearcoat`.
-    pub clearcoat_texture: Option<ChannelTexture>,
-    /// Perceptual roughness of the coat.
-    pub clearcoat_roughness: f32,
-    /// Multiplies `clearcoat_roughness`.
-    pub clearcoat_roughness_texture: Option<ChannelTexture>,
-    /// Sheen colour (KHR_materials_sheen).
-    pub sheen_color: Rgb,
-    /// Multiplies `sheen_color`.
-    pub sheen_color_texture: Option<Texture>,
-    /// Sheen roughness (kept for reports; the sheen lobe has a fixed shape).
-    pub sheen_roughness: f32,
-    /// Anisotropy in \[-1, 1\]; positive stretches highlights along the tangent.
-    pub anisotropy: f32,
-    /// Rotation of the anisotropy's axis from the tangent \[rad\].
-    pub anisotropy_rotation: f32,
-    /// RG: direction, B: strength (KHR_materials_anisotropy).
-    pub anisotropy_texture: Option<Texture>,
-    /// Direction of the grooves. The axis of the anisotropy lies across them, instead of along the tangents of the mesh.
-    pub grain: Option<Grain>,
+    /// Clear coat.
+    pub clearcoat: Clearcoat,
+    /// Sheen.
+    pub sheen: Sheen,
+    /// Anisotropy of the roughness.
+    pub anisotropy: Anisotropy,
     /// The height field of the surface. It needs a surface that no light passes.
     pub finish: Option<Finish>,
-    /// Share of the hue of the base colour in the tint of the dielectric reflection.
-    pub specular_tint: f32,
 }
 
 impl Material {
+    /// True if the surface emits, at some places at least.
+    pub fn emits(&self) -> bool {
+        self.unlit || !self.emission.factor.is_black()
+    }
+
+    /// True if the material is metal at all places, so that it transmits nothing. A texture may reduce the factor, whose
+    /// default in glTF is 1.
+    pub fn is_metal(&self) -> bool {
+        self.metallic.factor >= 1.0 && self.metallic.texture.is_none()
+    }
+
+    /// True if the surface is smooth at all places: then it refracts and reflects in single directions.
+    pub fn is_smooth(&self) -> bool {
+        self.roughness.factor < SMOOTH_ROUGHNESS && self.roughness.texture.is_none()
+    }
+
     /// All textures of the material.
-    pub fn textures(&self) -> impl Iterator<Item = &Texture> {
+    pub fn textures(&self) -> impl Iterator<Item = Texture> {
+        self.clone().texture_slots().filter_map(|slot| *slot).collect::<Vec<_>>().into_iter()
+    }
+
+    /// The places of all textures.
+    pub fn texture_slots(&mut self) -> impl Iterator<Item = &mut Option<Texture>> {
+        let (colors, numbers, normal_map) = self.parameters();
+        let of_colors = colors.map(|color| &mut color.texture);
+        of_colors.into_iter().chain(numbers.map(|number| &mut number.texture)).chain([&mut normal_map.texture])
+    }
+
+    /// All that can have a texture: colours, numbers, and the normal map.
+    pub(crate) fn parameters(&mut self) -> ([&mut Parameter<Rgb>; 5], [&mut Parameter<f32>; 9], &mut NormalMap) {
         let colors = [
-            &self.base_color_texture,
-            &self.normal_texture,
-            &self.emission_texture,
-            &self.specular_color_texture,
-            &self.sheen_color_texture,
-            &self.anisotropy_texture,
-            &self.diffuse_transmission_color_texture,
+            &mut self.base_color,
+            &mut self.emission,
+            &mut self.specular.color,
+            &mut self.diffuse_transmission.color,
+            &mut self.sheen.color,
         ];
-        let channels = [
-            &self.alpha_texture,
-            &self.metallic_texture,
-            &self.roughness_texture,
-            &self.specular_texture,
-            &self.transmission_texture,
-            &self.diffuse_transmission_texture,
-            &self.clearcoat_texture,
-            &self.clearcoat_roughness_texture,
+        let numbers = [
+            &mut self.alpha,
+            &mut self.metallic,
+            &mut self.roughness,
+            &mut self.specular.strength,
+            &mut self.transmission,
+            &mut self.diffuse_transmission.share,
+            &mut self.clearcoat.strength,
+            &mut self.clearcoat.roughness,
+            &mut self.anisotropy.strength,
         ];
-        colors
-            .into_iter()
-            .filter_map(Option::as_ref)
-            .chain(channels.into_iter().filter_map(|t| t.as_ref().map(|t| &t.texture)))
+        (colors, numbers, &mut self.normal_map)
     }
 }
 
@@ -214,48 +281,26 @@ impl Default for Material {
     fn default() -> Self {
         Self {
             name: String::new(),
-            base_color: Rgb::WHITE,
-            base_color_texture: None,
-            alpha: 1.0,
-            alpha_texture: None,
+            base_color: Rgb::WHITE.into(),
+            alpha: 1.0.into(),
             alpha_mode: AlphaMode::Opaque,
-            metallic: 0.0,
-            metallic_texture: None,
-            roughness: 0.5,
-            roughness_texture: None,
-            normal_texture: None,
-            normal_scale: 1.0,
-            emission: Rgb::BLACK,
-            emission_texture: None,
-            double_sided: false,
+            metallic: 0.0.into(),
+            roughness: 0.5.into(),
+            normal_map: NormalMap { texture: None, scale: 1.0 },
+            emission: Rgb::BLACK.into(),
             emission_profile: EmissionProfile::Lambertian,
+            double_sided: false,
             is_back_invisible: false,
             unlit: false,
             ior: 1.5,
-            specular: 1.0,
-            specular_texture: None,
-            specular_color: Rgb::WHITE,
-            specular_color_texture: None,
-            transmission: 0.0,
-            transmission_texture: None,
-            diffuse_transmission: 0.0,
-            diffuse_transmission_texture: None,
-            diffuse_transmission_color: Rgb::WHITE,
-            diffuse_transmission_color_texture: None,
+            specular: Specular::default(),
+            transmission: 0.0.into(),
+            diffuse_transmission: DiffuseTransmission::default(),
             surface: Surface::Thin,
-            clearcoat: 0.0,
-            clearcoat_texture: None,
-            clearcoat_roughness: 0.0,
-            clearcoat_roughness_texture: None,
-            sheen_color: Rgb::BLACK,
-            sheen_color_texture: None,
-            sheen_roughness: 0.0,
-            anisotropy: 0.0,
-            anisotropy_rotation: 0.0,
-            anisotropy_texture: None,
-            grain: None,
+            clearcoat: Clearcoat::default(),
+            sheen: Sheen::default(),
+            anisotropy: Anisotropy::default(),
             finish: None,
-            specular_tint: 0.0,
         }
     }
 }

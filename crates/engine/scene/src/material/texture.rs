@@ -239,12 +239,14 @@ pub struct Texture {
     pub filter: Filter,
     /// Texture coordinate set, 0 or 1.
     pub uv_set: u8,
+    /// Channel that a number is read from: 0 red, 1 green, 2 blue, 3 alpha. A colour is red, green and blue.
+    pub channel: u8,
     /// Map applied to the coordinates first.
     pub transform: TextureTransform,
 }
 
 impl Texture {
-    /// A repeating, bilinear texture on coordinate set 0.
+    /// A repeating, bilinear texture on coordinate set 0, whose numbers are red.
     pub fn new(image: ImageId, encoding: ColorEncoding) -> Self {
         Self {
             image,
@@ -252,6 +254,7 @@ impl Texture {
             wrap: [Wrap::Repeat; 2],
             filter: Filter::Linear,
             uv_set: 0,
+            channel: 0,
             transform: TextureTransform::default(),
         }
     }

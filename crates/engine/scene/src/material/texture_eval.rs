@@ -1,8 +1,12 @@
 //! Evaluation of textures: from coordinates to linear values.
 
+use crate::material::Parameter;
 use crate::material::texture::{Channel, ColorEncoding, Filter, Image, Texture, Wrap, rgba, with_texels};
+use crate::query::surface::TexturePoint;
 use dunkelfeld_geometry::Vec2;
 use dunkelfeld_lanes::{cos_sin_of_angle, pow};
+use dunkelfeld_radiometry::Rgb;
+use std::ops::Mul;
 use std::sync::LazyLock;
 
 /// sRGB byte to linear value (IEC 61966-2-1).
@@ -79,7 +83,7 @@ impl Image {
     }
 
     /// Mean linear value over all texels.
-    pub(crate) fn mean(&self, encoding: ColorEncoding) -> [f32; 4] {
+    fn mean(&self, encoding: ColorEncoding) -> [f32; 4] {
         let mut sum = [0f64; 4];
         for y in 0..self.height {
             for x in 0..self.width {
@@ -98,7 +102,51 @@ impl Image {
     }
 }
 
+/// A value that a texture can multiply.
+pub trait Texel: Copy + Mul<Output = Self> {
+    /// The value of a texel: red, green, blue, alpha. A number is one channel of it.
+    fn of(texel: [f32; 4], channel: u8) -> Self;
+}
+
+impl Texel for Rgb {
+    #[inline]
+    fn of([r, g, b, _]: [f32; 4], _: u8) -> Self {
+        Self::new(r, g, b)
+    }
+}
+
+impl Texel for f32 {
+    #[inline]
+    fn of(texel: [f32; 4], channel: u8) -> Self {
+        texel[usize::from(channel & 3)]
+    }
+}
+
+impl<T: Texel> Parameter<T> {
+    /// The value at a place.
+    #[inline]
+    pub(crate) fn at(&self, images: &[Image], at: &TexturePoint) -> T {
+        match &self.texture {
+            None => self.factor,
+            Some(t) => self.factor * T::of(at.eval(t, images), t.channel),
+        }
+    }
+
+    /// The mean value over all texels.
+    pub(crate) fn mean(&self, images: &[Image]) -> T {
+        match &self.texture {
+            None => self.factor,
+            Some(t) => self.factor * T::of(t.mean(images), t.channel),
+        }
+    }
+}
+
 impl Texture {
+    /// Mean linear value over all texels; white if there is no such image.
+    pub(crate) fn mean(&self, images: &[Image]) -> [f32; 4] {
+        images.get(self.image.0 as usize).map_or([1.0; 4], |image| image.mean(self.encoding))
+    }
+
     /// The linear value (red, green, blue, alpha) at texture coordinates `uv`. Coordinates count as zero if they are
     /// not finite, also after the conversion to texels.
     pub(crate) fn eval(&self, images: &[Image], uv: Vec2) -> [f32; 4] {

@@ -126,8 +126,8 @@ impl Scene {
     #[inline(always)]
     pub fn emitted_lanes<F: Lanes>(&self, material: u32, points: &SurfacePoints<F>, toward: V3<F>) -> Rgb<F> {
         let (material, token) = (&self.materials[material as usize], toward.x.token());
-        let (cosine, mut emission) = (toward.dot(points.normal), [material.emission; MAX_WIDTH]);
-        if material.emission_texture.is_some() || material.unlit {
+        let (cosine, mut emission) = (toward.dot(points.normal), [material.emission.factor; MAX_WIDTH]);
+        if material.emission.texture.is_some() || material.unlit {
             for (lane, emission) in emission.iter_mut().enumerate().take(F::WIDTH) {
                 *emission = surface::emission(material, &self.images, &self.texture_point(&points.lane(lane)));
             }

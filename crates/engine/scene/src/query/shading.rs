@@ -342,7 +342,11 @@ impl Scene {
         let transform = part.transform_at(p.time);
         let to_render_vector = |v: Vec3| transform.as_ref().map_or(v, |t| t.vector(v));
         let (tangent, handedness) = if mesh.tangents.is_empty() {
-            let set = material.normal_texture.or(material.anisotropy_texture).map_or(0, |t| usize::from(t.uv_set & 1));
+            let set = material
+                .normal_map
+                .texture
+                .or(material.anisotropy.strength.texture)
+                .map_or(0, |t| usize::from(t.uv_set & 1));
             let (t, w) = uv_tangent(&mesh.corners(p.triangle as usize), vertices, &mesh.uvs[set]);
             (to_render_vector(t), w)
         } else {
@@ -353,9 +357,9 @@ impl Scene {
         // The bitangent of a mirrored instance keeps the handedness of its storage space.
         let mirrored = transform.as_ref().is_some_and(|t| t.swaps_handedness());
         let handedness = if mirrored { -handedness } else { handedness };
-        if let Some(texture) = &material.normal_texture {
+        if let Some(texture) = &material.normal_map.texture {
             let [x, y, z, _] = at.eval(texture, &self.images);
-            let scale = material.normal_scale;
+            let scale = material.normal_map.scale;
             let map = Vec3::new((2.0 * x - 1.0) * scale, (2.0 * y - 1.0) * scale, 2.0 * z - 1.0);
             let bent = frame.tangent * map.x + frame.bitangent * (handedness * map.y) + frame.normal * map.z;
             if let Some(n) = bent.try_normalize()
@@ -364,12 +368,12 @@ impl Scene {
                 frame = PointFrame::from_normal_tangent(n, frame.tangent);
             }
         }
-        if material.anisotropy != 0.0 {
-            let (_, [cos, sin]) = surface::anisotropy(material, &self.images, at);
+        if material.anisotropy.strength.factor != 0.0 {
+            let [cos, sin] = surface::anisotropy_axis(material, &self.images, at);
             let axis = frame.tangent * cos + frame.bitangent * (handedness * sin);
             frame = PointFrame::from_normal_tangent(frame.normal, axis);
         }
-        if let Some(grain) = &material.grain
+        if let Some(grain) = &material.anisotropy.grain
             && let Some(object) = part.frame_at(p.time)
         {
             let to_object = object.inverse();

@@ -12,11 +12,10 @@
 //!
 //! `docs/materials.md` has the same table for users, and the source of each parameter.
 
-use crate::build::effects::SMOOTH_ROUGHNESS;
 use crate::light::emission_profile::EmissionProfile;
 use crate::material::finish::Relief;
 use crate::material::texture::{Image, Texture};
-use crate::material::{AlphaMode, ChannelTexture, Material, Surface};
+use crate::material::{AlphaMode, Material, SMOOTH_ROUGHNESS, Surface};
 use crate::media::medium::Medium;
 use dunkelfeld_bsdf::{Bsdf, Dielectric, Principled, PrincipledModel, PrincipledParams, ThinSheet, Translucent};
 use dunkelfeld_geometry::{Vec2, Vec4};
@@ -115,55 +114,38 @@ impl Constant {
 impl CompiledMaterial {
     /// `is_painted`: true if some mesh of this material has vertex colours.
     pub(crate) fn new(m: &Material, is_painted: bool, options: SurfaceOptions) -> Self {
-        // A metallic texture may reduce the metallic factor (glTF's default factor is 1).
-        let transmits = m.transmission > 0.0 && (m.metallic < 1.0 || m.metallic_texture.is_some());
-        let diffuses = m.diffuse_transmission > 0.0 && (m.metallic < 1.0 || m.metallic_texture.is_some());
+        let transmits = m.transmission.factor > 0.0 && !m.is_metal();
+        let diffuses = m.diffuse_transmission.share.factor > 0.0 && !m.is_metal();
         let is_solid = matches!(m.surface, Surface::Solid(_)) && (transmits || diffuses);
         let absorption = match &m.surface {
             Surface::Solid(v) if is_solid => Medium::new(v).absorption,
             _ => Rgb::BLACK,
         };
-        let textures = [
-            m.base_color_texture,
-            m.specular_color_texture,
-            m.sheen_color_texture,
-            m.anisotropy_texture,
-            m.diffuse_transmission_color_texture,
-        ];
-        let channels = [
-            m.metallic_texture,
-            m.roughness_texture,
-            m.specular_texture,
-            m.transmission_texture,
-            m.diffuse_transmission_texture,
-            m.clearcoat_texture,
-            m.clearcoat_roughness_texture,
-        ];
         let has_coverage = m.is_back_invisible
             || match m.alpha_mode {
                 AlphaMode::Opaque => false,
                 AlphaMode::Mask { .. } | AlphaMode::Blend => true,
             };
-        let emits = m.unlit || !m.emission.is_black();
         let has_profile = m.emission_profile != EmissionProfile::Lambertian;
-        let varies = is_painted || textures.iter().any(Option::is_some) || channels.iter().any(Option::is_some);
+        let others = [m.alpha.texture, m.emission.texture, m.normal_map.texture];
+        let varies = is_painted || m.textures().count() > others.iter().flatten().count();
         let constant = (!varies).then(|| scatter(m, m.ior, &[], &TexturePoint::ANYWHERE, options));
-        let fades = is_painted || m.alpha_texture.is_some() || m.base_color_texture.is_some();
+        let fades = is_painted || m.alpha.texture.is_some() || m.base_color.texture.is_some();
         let constant_coverage = (!fades).then(|| coverage(m, &[], &TexturePoint::ANYWHERE));
-        let needs_tangent = m.normal_texture.is_some() || m.anisotropy != 0.0;
+        let needs_tangent = m.normal_map.texture.is_some() || m.anisotropy.strength.factor != 0.0;
         let is_mixture = transmits && matches!(m.surface, Surface::Thin);
-        let sharp = m.roughness < SMOOTH_ROUGHNESS || m.roughness_texture.is_some();
-        let is_smooth_clear = transmits && sharp && (!is_solid || m.transmission >= 1.0);
-        let is_clear = is_solid && m.transmission >= 1.0 && m.metallic <= 0.0 && !has_coverage && !emits;
+        let sharp = m.roughness.factor < SMOOTH_ROUGHNESS || m.roughness.texture.is_some();
+        let is_full = m.transmission.factor >= 1.0;
+        let is_clear = is_solid && is_full && m.metallic.factor <= 0.0 && !has_coverage && !m.emits();
         let is_even =
-            m.base_color_texture.is_none() && m.transmission_texture.is_none() && m.metallic_texture.is_none();
-        let clear_tint = (is_clear && !is_painted && is_even).then(|| m.base_color.map(|c| c.clamp(0.0, 1.0).sqrt()));
+            m.base_color.texture.is_none() && m.transmission.texture.is_none() && m.metallic.texture.is_none();
+        let tint = m.base_color.factor.map(|c| c.clamp(0.0, 1.0).sqrt());
         Self {
-            clear_tint,
+            clear_tint: (is_clear && !is_painted && is_even).then_some(tint),
             constant,
             absorption,
             is_solid,
-            is_smooth_clear,
+            is_smooth_clear: transmits && sharp && (!is_solid || is_full),
             is_mixture,
             both_sides: transmits || diffuses,
             has_coverage,
@@ -171,8 +153,8 @@ impl CompiledMaterial {
             constant_coverage,
             varies,
             needs_tangent,
-            emits,
-            has_varying_radiance: m.unlit || m.emission_texture.is_some() || has_coverage || has_profile,
+            emits: m.emits(),
+            has_varying_radiance: m.unlit || m.emission.texture.is_some() || has_coverage || has_profile,
             relief: m.finish.as_ref().map(Relief::new),
             options,
         }
@@ -212,37 +194,16 @@ impl CompiledMaterial {
     }
 }
 
-/// `factor * texture`, one channel.
-#[inline]
-fn channel(factor: f32, texture: &Option<ChannelTexture>, images: &[Image], at: &TexturePoint) -> f32 {
-    match texture {
-        None => factor,
-        Some(t) => factor * at.eval(&t.texture, images)[usize::from(t.channel & 3)],
-    }
-}
-
-/// `factor * texture`, colour.
-#[inline]
-fn color(factor: Rgb, texture: &Option<Texture>, images: &[Image], at: &TexturePoint) -> Rgb {
-    match texture {
-        None => factor,
-        Some(t) => {
-            let [r, g, b, _] = at.eval(t, images);
-            factor * Rgb::new(r, g, b)
-        }
-    }
-}
-
 /// Base colour at a place.
 #[inline]
 fn base_color(m: &Material, images: &[Image], at: &TexturePoint) -> Rgb {
-    color(m.base_color, &m.base_color_texture, images, at) * Rgb::new(at.color.x, at.color.y, at.color.z)
+    m.base_color.at(images, at) * Rgb::new(at.color.x, at.color.y, at.color.z)
 }
 
 /// The probability that light meets the surface at a place.
 pub(crate) fn coverage(m: &Material, images: &[Image], at: &TexturePoint) -> f32 {
-    let mut alpha = channel(m.alpha, &m.alpha_texture, images, at) * at.color.w;
-    if let Some(t) = &m.base_color_texture {
+    let mut alpha = m.alpha.at(images, at) * at.color.w;
+    if let Some(t) = &m.base_color.texture {
         alpha *= at.eval(t, images)[3];
     }
     match m.alpha_mode {
@@ -254,21 +215,14 @@ pub(crate) fn coverage(m: &Material, images: &[Image], at: &TexturePoint) -> f32
 
 /// Emitted radiance [W/(m^2 sr)] of the emitting side at a place.
 pub(crate) fn emission(m: &Material, images: &[Image], at: &TexturePoint) -> Rgb {
-    let emitted = color(m.emission, &m.emission_texture, images, at);
+    let emitted = m.emission.at(images, at);
     if m.unlit { emitted + base_color(m, images, at) } else { emitted }
 }
 
 /// Mean emitted radiance over all places, for choosing lights: that of a Lambertian surface of the same power.
 pub(crate) fn mean_emission(m: &Material, images: &[Image]) -> Rgb {
-    let mean = |t: &Option<Texture>| match t {
-        None => Rgb::WHITE,
-        Some(t) => {
-            let [r, g, b, _] = images[t.image.0 as usize].mean(t.encoding);
-            Rgb::new(r, g, b)
-        }
-    };
-    let emitted = m.emission * mean(&m.emission_texture) * (m.emission_profile.exitance() as f32);
-    if m.unlit { emitted + m.base_color * mean(&m.base_color_texture) } else { emitted }
+    let emitted = m.emission.mean(images) * (m.emission_profile.exitance() as f32);
+    if m.unlit { emitted + m.base_color.mean(images) } else { emitted }
 }
 
 /// The BSDF parameters at a place; `eta` is the index of refraction inside over outside.
@@ -282,11 +236,11 @@ fn lobes(m: &Material, eta: f32, images: &[Image], at: &TexturePoint, model: Pri
         return Constant::One(Bsdf::Absorber);
     }
     let base = base_color(m, images, at);
-    let metallic = channel(m.metallic, &m.metallic_texture, images, at).clamp(0.0, 1.0);
-    let roughness = channel(m.roughness, &m.roughness_texture, images, at).clamp(0.0, 1.0);
-    let transmission = channel(m.transmission, &m.transmission_texture, images, at).clamp(0.0, 1.0);
-    let specular = channel(m.specular, &m.specular_texture, images, at);
-    let specular_color = color(m.specular_color, &m.specular_color_texture, images, at);
+    let metallic = m.metallic.at(images, at).clamp(0.0, 1.0);
+    let roughness = m.roughness.at(images, at).clamp(0.0, 1.0);
+    let transmission = m.transmission.at(images, at).clamp(0.0, 1.0);
+    let specular = m.specular.strength.at(images, at);
+    let specular_color = m.specular.color.at(images, at);
     let clear = transmission * (1.0 - metallic);
     let alpha = if roughness < SMOOTH_ROUGHNESS { 0.0 } else { roughness * roughness };
     let solid = matches!(m.surface, Surface::Solid(_));
@@ -298,20 +252,20 @@ fn lobes(m: &Material, eta: f32, images: &[Image], at: &TexturePoint, model: Pri
             base.map(|c| c.max(0.0).sqrt()),
         )));
     }
-    let sheen_color = color(m.sheen_color, &m.sheen_color_texture, images, at);
-    let clearcoat = channel(m.clearcoat, &m.clearcoat_texture, images, at);
-    let coat_roughness = channel(m.clearcoat_roughness, &m.clearcoat_roughness_texture, images, at);
-    let passed = channel(m.diffuse_transmission, &m.diffuse_transmission_texture, images, at).clamp(0.0, 1.0);
+    let sheen_color = m.sheen.color.at(images, at);
+    let clearcoat = m.clearcoat.strength.at(images, at);
+    let coat_roughness = m.clearcoat.roughness.at(images, at);
+    let passed = m.diffuse_transmission.share.at(images, at).clamp(0.0, 1.0);
     let principled = |metallic: f32, spec_trans: f32| {
         let surface = Principled::new(&PrincipledParams {
             base_color: base,
             metallic,
             roughness,
-            anisotropic: anisotropy(m, images, at).0,
+            anisotropic: m.anisotropy.strength.at(images, at),
             eta,
             specular_factor: specular,
             specular_color,
-            spec_tint: m.specular_tint,
+            spec_tint: m.specular.tint,
             spec_trans,
             sheen: 1.0,
             sheen_color,
@@ -324,7 +278,7 @@ fn lobes(m: &Material, eta: f32, images: &[Image], at: &TexturePoint, model: Pri
             model,
         });
         if passed > 0.0 && spec_trans <= 0.0 {
-            let tint = color(m.diffuse_transmission_color, &m.diffuse_transmission_color_texture, images, at);
+            let tint = m.diffuse_transmission.color.at(images, at);
             Bsdf::Translucent(Translucent::new(surface, passed, tint * (passed * (1.0 - metallic))))
         } else {
             Bsdf::Principled(surface)
@@ -344,16 +298,16 @@ fn lobes(m: &Material, eta: f32, images: &[Image], at: &TexturePoint, model: Pri
     Constant::Either(clear, sheet, principled(metallic / (1.0 - clear), 0.0))
 }
 
-/// Strength of the anisotropy, and cosine and sine of the angle from the tangent to its axis (KHR_materials_anisotropy:
-/// the texture's red and green are a direction, blue scales the strength).
-pub(crate) fn anisotropy(m: &Material, images: &[Image], at: &TexturePoint) -> (f32, [f32; 2]) {
-    let (cos, sin) = cos_sin_of_angle(m.anisotropy_rotation);
-    match &m.anisotropy_texture {
-        None => (m.anisotropy, [cos, sin]),
+/// Cosine and sine of the angle from the tangent to the axis of the anisotropy (KHR_materials_anisotropy: red and green
+/// of the texture are a direction).
+pub(crate) fn anisotropy_axis(m: &Material, images: &[Image], at: &TexturePoint) -> [f32; 2] {
+    let (cos, sin) = cos_sin_of_angle(m.anisotropy.rotation);
+    match &m.anisotropy.strength.texture {
+        None => [cos, sin],
         Some(t) => {
-            let [r, g, b, _] = at.eval(t, images);
+            let [r, g, ..] = at.eval(t, images);
             let Vec2 { x, y } = Vec2::new(2.0 * r - 1.0, 2.0 * g - 1.0).try_normalize().unwrap_or(Vec2::X);
-            (m.anisotropy * b, [cos * x - sin * y, sin * x + cos * y])
+            [cos * x - sin * y, sin * x + cos * y]
         }
     }
 }

@@ -5,8 +5,8 @@ use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::shapes::{cuboid, rectangle, sphere};
 use dunkelfeld_scene::{
     BuildCache, BuildError, Camera, ColorEncoding, Environment, EnvironmentSource, Finding, Image, ImageId, Instance,
-    Material, Projection, PunctualKind, PunctualLight, Scene, SceneBuilder, Severity, Surface, SurfacePoint, Texels,
-    Texture, Volume,
+    Material, Parameter, Projection, PunctualKind, PunctualLight, Scene, SceneBuilder, Severity, Surface, SurfacePoint,
+    Texels, Texture, Volume,
 };
 use std::sync::Arc;
 
@@ -49,7 +49,7 @@ fn indices_out_of_range_are_named() {
     let cases: [(&str, Corrupt); 4] = [
         ("material 9", Box::new(|b| b.meshes[0].material = 9)),
         ("mesh 7", Box::new(|b| b.instances[0].meshes.push(7))),
-        ("image 3", Box::new(move |b| b.materials[0].normal_texture = Some(texture))),
+        ("image 3", Box::new(move |b| b.materials[0].normal_map.texture = Some(texture))),
         (
             "image 5",
             Box::new(|b| {
@@ -73,15 +73,15 @@ fn invalid_values_are_refused_by_name() {
     let environment =
         |r: f32, rotation| Some(Environment { source: EnvironmentSource::Constant(Rgb::splat(r)), rotation });
     let cases: Vec<(&str, Corrupt)> = vec![
-        ("emission", Box::new(|b| b.materials[0].emission = Rgb::new(0.0, -1.0, 0.0))),
-        ("colours", Box::new(|b| b.materials[0].sheen_color = Rgb::splat(f32::INFINITY))),
+        ("emission", Box::new(|b| b.materials[0].emission = Rgb::new(0.0, -1.0, 0.0).into())),
+        ("colours", Box::new(|b| b.materials[0].sheen.color.factor = Rgb::splat(f32::INFINITY))),
         ("refraction", Box::new(|b| b.materials[0].ior = 0.0)),
-        ("factors", Box::new(move |b| b.materials[0].alpha = nan)),
+        ("factors", Box::new(move |b| b.materials[0].alpha = nan.into())),
         (
             "unlit",
             Box::new(|b| {
                 b.materials[0].unlit = true;
-                b.materials[0].base_color = Rgb::splat(-0.1);
+                b.materials[0].base_color.factor = Rgb::splat(-0.1);
             }),
         ),
         (
@@ -163,7 +163,8 @@ fn invalid_radiance_texels_are_replaced_by_black() {
     let mut b = square();
     b.images.push(Image { name: "broken".into(), width: 2, height: 1, texels: texels.into() });
     let texture = Texture::new(ImageId(0), ColorEncoding::Linear);
-    b.materials[0] = Material { emission: Rgb::WHITE, emission_texture: Some(texture), ..Material::default() };
+    b.materials[0] =
+        Material { emission: Parameter { factor: Rgb::WHITE, texture: Some(texture) }, ..Material::default() };
     let (scene, report) = b.build().expect("repaired");
     assert!(report.findings.iter().any(|f| f.message.contains("2 texels")), "{report:?}");
     for x in [-0.25, 0.0, 0.25] {
@@ -179,7 +180,7 @@ fn solids_that_are_open_or_inside_out_are_hazards() {
     let clear = |b: &mut SceneBuilder| {
         b.add_material(Material {
             name: "clear".into(),
-            transmission: 1.0,
+            transmission: 1.0.into(),
             surface: Surface::Solid(volume),
             ..Material::default()
         })
@@ -217,12 +218,13 @@ fn light_that_cannot_be_found_is_a_hazard() {
         let (_, report) = b.build().expect("valid");
         report.hazards().map(|f| format!("{}: {}", f.place, f.message)).collect::<Vec<_>>().join("\n")
     };
-    let clear = Material { name: "clear".into(), transmission: 1.0, roughness: 0.0, ..Material::default() };
+    let clear =
+        Material { name: "clear".into(), transmission: 1.0.into(), roughness: 0.0.into(), ..Material::default() };
     assert!(hazards(clear.clone(), true).contains("light \"lamp\": has no extent, and material \"clear\""));
     assert!(!hazards(clear.clone(), false).contains("no extent"), "without such a light there is nothing to miss");
-    let frosted = Material { roughness: 0.3, ..clear.clone() };
+    let frosted = Material { roughness: 0.3.into(), ..clear.clone() };
     assert!(hazards(frosted, true).is_empty(), "what scatters can be connected");
-    let metal = Material { metallic: 1.0, ..clear };
+    let metal = Material { metallic: 1.0.into(), ..clear };
     assert!(hazards(metal, true).contains("its transmission has no effect; set metallic to 0"));
 }
 
@@ -231,7 +233,7 @@ fn tori(meshes: &[u32]) -> SceneBuilder {
     let mut b = SceneBuilder::default();
     let grey = b.add_material(Material::default());
     let glass = b.add_material(Material {
-        transmission: 1.0,
+        transmission: 1.0.into(),
         surface: Surface::Solid(Volume::default()),
         ..Material::default()
     });

@@ -13,7 +13,7 @@ use rand_pcg::Pcg32;
 
 fn clear(name: &str, ior: f32) -> Material {
     let surface = Surface::Solid(Volume::default());
-    Material { name: name.into(), transmission: 1.0, roughness: 0.0, ior, surface, ..Material::default() }
+    Material { name: name.into(), transmission: 1.0.into(), roughness: 0.0.into(), ior, surface, ..Material::default() }
 }
 
 /// A scene of objects and a floor far below, which lights and rays can hit.
@@ -78,11 +78,11 @@ fn a_flat_cover_is_detected_and_listed_with_its_material() {
 #[test]
 fn other_objects_are_not_detected_as_covers() {
     let pmma = || clear("pmma", 1.49);
-    let rough = Material { roughness: 0.2, ..pmma() };
-    let half = Material { transmission: 0.5, ..pmma() };
-    let partly = Material { alpha: 0.5, alpha_mode: AlphaMode::Blend, ..pmma() };
+    let rough = Material { roughness: 0.2.into(), ..pmma() };
+    let half = Material { transmission: 0.5.into(), ..pmma() };
+    let partly = Material { alpha: 0.5.into(), alpha_mode: AlphaMode::Blend, ..pmma() };
     let thin = Material { surface: Surface::Thin, ..pmma() };
-    let shining = Material { emission: dunkelfeld_radiometry::Rgb::WHITE, ..pmma() };
+    let shining = Material { emission: dunkelfeld_radiometry::Rgb::WHITE.into(), ..pmma() };
     let milky = Volume { scattering: dunkelfeld_radiometry::Rgb::splat(100.0), ..Volume::default() };
     let milky = Material { surface: Surface::Solid(milky), ..pmma() };
     let thin_plate = || plate(0.001, 0.005);

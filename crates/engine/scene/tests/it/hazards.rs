@@ -5,8 +5,8 @@ use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, RigidMotion, Vec2, Vec3};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::shapes::{cuboid, rectangle, sphere};
 use dunkelfeld_scene::{
-    BuildReport, Camera, ColorEncoding, Image, ImageId, LineScan, Material, Projection, PunctualKind, PunctualLight,
-    SceneBuilder, Shutter, Surface, Texels, Texture, Volume, look_at,
+    BuildReport, Camera, ColorEncoding, Image, ImageId, LineScan, Material, NormalMap, Projection, PunctualKind,
+    PunctualLight, SceneBuilder, Shutter, Specular, Surface, Texels, Texture, Volume, look_at,
 };
 
 fn opaque(name: &str) -> Material {
@@ -15,11 +15,17 @@ fn opaque(name: &str) -> Material {
 
 fn glass(name: &str) -> Material {
     let surface = Surface::Solid(Volume::default());
-    Material { name: name.into(), roughness: 0.0, transmission: 1.0, surface, ..Material::default() }
+    Material { name: name.into(), roughness: 0.0.into(), transmission: 1.0.into(), surface, ..Material::default() }
 }
 
 fn lamp() -> Material {
-    Material { name: "lamp".into(), emission: Rgb::WHITE, base_color: Rgb::BLACK, specular: 0.0, ..Material::default() }
+    Material {
+        name: "lamp".into(),
+        emission: Rgb::WHITE.into(),
+        base_color: Rgb::BLACK.into(),
+        specular: Specular::NONE,
+        ..Material::default()
+    }
 }
 
 /// A table of a metre with a lamp above it.
@@ -153,7 +159,10 @@ fn unusable_attributes_are_hazards() {
 
     let mapped = |mesh: Mesh| {
         let texture = Texture::new(ImageId(0), ColorEncoding::Linear);
-        let mut b = with(Material { normal_texture: Some(texture), ..opaque("wood grain") }, mesh);
+        let mut b = with(
+            Material { normal_map: NormalMap { texture: Some(texture), scale: 1.0 }, ..opaque("wood grain") },
+            mesh,
+        );
         b.images.push(Image {
             name: "map".into(),
             width: 1,
@@ -215,7 +224,7 @@ fn emitters_too_small_to_be_hit_are_hazards() {
     let mut b = with(lamp(), spark());
     let specks = |b: &SceneBuilder| hazards(b.clone()).iter().any(|h| h.contains("bright specks"));
     assert!(!specks(&b), "light sampling finds it, and nothing reflects it sharply");
-    let m = b.add_material(Material { metallic: 1.0, roughness: 0.0, ..opaque("chrome") });
+    let m = b.add_material(Material { metallic: 1.0.into(), roughness: 0.0.into(), ..opaque("chrome") });
     b.add_object("mirror", rectangle(Vec3::new(-0.3, -0.3, 0.1), Vec3::X * 0.1, Vec3::Y * 0.1), m);
     contains_message(b, "object \"thing\"", &["\"chrome\"", "bright specks", "larger and dimmer"]);
 }
@@ -230,13 +239,13 @@ fn slips_of_modelling_name_their_cure() {
     contains_message(with(sheet.clone(), block), "mesh \"thing\"", &["closed", "thin sheet", "`solid = true`"]);
     let open = rectangle(Vec3::new(-0.1, -0.1, 0.1), Vec3::X * 0.2, Vec3::Y * 0.2);
     assert_no_hazards(with(sheet, open.clone()), "an open sheet");
-    let empty = Material { metallic: 1.0, roughness: 1.0, ..opaque("Material.001") };
+    let empty = Material { metallic: 1.0.into(), roughness: 1.0.into(), ..opaque("Material.001") };
     contains_message(
         with(empty.clone(), open.clone()),
         "object \"thing\"",
         &["Material.001", "white rough metal", "metallic = 0"],
     );
-    assert_no_hazards(with(Material { base_color: Rgb::splat(0.9), ..empty }, open.clone()), "a grey metal");
+    assert_no_hazards(with(Material { base_color: Rgb::splat(0.9).into(), ..empty }, open.clone()), "a grey metal");
     let mut twin = with(opaque("lid"), open.clone());
     twin.instances.push(twin.instances[2].clone());
     contains_message(twin, "object \"thing\"", &["copy of object \"thing\"", "same place", "visible = false"]);
@@ -284,7 +293,7 @@ fn lights_inside_bodies_are_hazards() {
     let mut open = block();
     open.triangles.truncate(10);
     assert_no_hazards(inside(opaque("steel"), open, 0.2), "an open box");
-    let rough = Material { roughness: 0.3, ..glass("epoxy") };
+    let rough = Material { roughness: 0.3.into(), ..glass("epoxy") };
     contains_message(inside(rough, block(), 0.2), "light \"bulb 2\"", &["clear solid of material \"epoxy\""]);
 }
 
@@ -418,7 +427,7 @@ fn lamps_between_camera_and_part_are_hazards() {
     assert_eq!(blocked(0.3, &|_| (), false), [""; 0], "beside the axis");
     assert_eq!(blocked(0.0, &|m| m.is_back_invisible = true, false), [""; 0], "the image of a lamp in a beam splitter");
     assert_eq!(blocked(0.0, &|_| (), true), [""; 0], "the camera looks at its front");
-    assert_eq!(blocked(0.0, &|m| m.base_color = Rgb::splat(0.8), false), [""; 0], "a part that shines");
+    assert_eq!(blocked(0.0, &|m| m.base_color.factor = Rgb::splat(0.8), false), [""; 0], "a part that shines");
 }
 
 #[test]

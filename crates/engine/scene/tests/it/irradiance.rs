@@ -10,7 +10,7 @@ use dunkelfeld_scene::lamps::irradiance_on_axis;
 use dunkelfeld_scene::shapes::rectangle;
 use dunkelfeld_scene::{
     EmissionProfile, Environment, EnvironmentSource, LampShape, Leds, LightChoice, LightProfile, Material,
-    PunctualKind, PunctualLight, Receivers, Scene, SceneBuilder,
+    PunctualKind, PunctualLight, Receivers, Scene, SceneBuilder, Specular,
 };
 use dunkelfeld_testkit::{SampleMoments, welch_test, z_test};
 use std::f64::consts::PI;
@@ -18,7 +18,12 @@ use std::f64::consts::PI;
 const RATE: f64 = 1e-10;
 
 fn emitter(radiance: f32) -> Material {
-    Material { base_color: Rgb::BLACK, specular: 0.0, emission: Rgb::splat(radiance), ..Material::default() }
+    Material {
+        base_color: Rgb::BLACK.into(),
+        specular: Specular::NONE,
+        emission: Rgb::splat(radiance).into(),
+        ..Material::default()
+    }
 }
 
 fn build(builder: SceneBuilder) -> Scene {

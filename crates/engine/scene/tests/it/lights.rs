@@ -10,7 +10,7 @@ use dunkelfeld_scene::lamps::area;
 use dunkelfeld_scene::shapes::{cuboid, rectangle, sphere};
 use dunkelfeld_scene::{
     EmissionProfile, Environment, EnvironmentSource, LampShape, Leds, LightChoice, LightSamples, Material,
-    PunctualKind, PunctualLight, Receivers, Scene, SceneBuilder,
+    PunctualKind, PunctualLight, Receivers, Scene, SceneBuilder, Specular,
 };
 use dunkelfeld_testkit::{DensityTest, SampleMoments, direction_to_square, square_to_direction, welch_test};
 use std::f64::consts::PI;
@@ -20,7 +20,12 @@ const RATE: f64 = 1e-10;
 const ONE: LightChoice = LightChoice::One;
 
 fn emitter(radiance: f32) -> Material {
-    Material { base_color: Rgb::BLACK, specular: 0.0, emission: Rgb::splat(radiance), ..Material::default() }
+    Material {
+        base_color: Rgb::BLACK.into(),
+        specular: Specular::NONE,
+        emission: Rgb::splat(radiance).into(),
+        ..Material::default()
+    }
 }
 
 fn build(builder: SceneBuilder) -> Scene {

@@ -40,8 +40,8 @@ fn solid(name: &str, ior: f32, priority: i32) -> Material {
     Material {
         name: name.into(),
         ior,
-        roughness: 0.0,
-        transmission: 1.0,
+        roughness: 0.0.into(),
+        transmission: 1.0.into(),
         surface: Surface::Solid(volume),
         ..Material::default()
     }

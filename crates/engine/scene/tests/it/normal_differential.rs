@@ -23,7 +23,12 @@ fn ball(material: Material, to_world: DAffine3, instanced: bool, smooth: bool) -
 }
 
 fn glass() -> Material {
-    Material { transmission: 1.0, roughness: 0.0, surface: Surface::Solid(Volume::default()), ..Material::default() }
+    Material {
+        transmission: 1.0.into(),
+        roughness: 0.0.into(),
+        surface: Surface::Solid(Volume::default()),
+        ..Material::default()
+    }
 }
 
 /// The hit of a ray from one place toward another.

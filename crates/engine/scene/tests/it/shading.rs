@@ -5,8 +5,8 @@ use dunkelfeld_geometry::{DAffine3, DVec3, Frame, Mesh, Ray, Vec2, Vec3, Vec4};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::shapes::rectangle;
 use dunkelfeld_scene::{
-    AlphaMode, ChannelTexture, ColorEncoding, Filter, Image, ImageId, Material, Scene, SceneBuilder, SurfacePoint,
-    Texels, Texture, TextureTransform,
+    AlphaMode, ColorEncoding, Filter, Image, ImageId, Material, NormalMap, Parameter, Scene, SceneBuilder,
+    SurfacePoint, Texels, Texture, TextureTransform,
 };
 
 fn build(builder: SceneBuilder) -> Scene {
@@ -87,7 +87,8 @@ fn a_normal_map_tilts_along_the_image() {
             mesh.uvs[0] = mesh.positions.iter().map(|p| Vec2::new(su * p.x, sv * p.y)).collect();
             mesh.tangents = vec![Vec4::new(su, 0.0, 0.0, -su * sv); 4];
             let texture = Texture::new(ImageId(0), ColorEncoding::Linear);
-            let material = Material { normal_texture: Some(texture), ..Material::default() };
+            let material =
+                Material { normal_map: NormalMap { texture: Some(texture), scale: 1.0 }, ..Material::default() };
             let to_world = if mirrored { mirror } else { DAffine3::IDENTITY };
             let scene = placed(mesh, material, vec![flat_map(tilt)], to_world, instanced);
             // The mirror also mirrors the image.
@@ -167,7 +168,7 @@ fn quarters() -> Image {
 #[test]
 fn coverage_comes_from_factor_texture_and_vertices() {
     let texture = Texture { filter: Filter::Nearest, ..Texture::new(ImageId(0), ColorEncoding::Srgb) };
-    let alpha = ChannelTexture { texture: Texture { encoding: ColorEncoding::Linear, ..texture }, channel: 0 };
+    let alpha = Texture { encoding: ColorEncoding::Linear, ..texture };
     // u = x + 0.5 and v = y + 0.5: (0.25, -0.25) lies in the second texel, (-0.25, 0.25) in the third.
     let at = |material: Material, color: f32, x, y| {
         let mut mesh = rectangle(Vec3::new(-0.5, -0.5, 0.0), Vec3::X, Vec3::Y);
@@ -175,14 +176,15 @@ fn coverage_comes_from_factor_texture_and_vertices() {
         let scene = placed(mesh, material, vec![quarters()], DAffine3::IDENTITY, false);
         scene.coverage(&shade(&scene, x, y, true), Vec3::NEG_Z)
     };
-    let blend = |alpha| Material { alpha, alpha_mode: AlphaMode::Blend, ..Material::default() };
-    let textured = |alpha| Material { base_color_texture: Some(texture), ..blend(alpha) };
+    let blend = |alpha: f32| Material { alpha: alpha.into(), alpha_mode: AlphaMode::Blend, ..Material::default() };
+    let textured =
+        |alpha| Material { base_color: Parameter { factor: Rgb::WHITE, texture: Some(texture) }, ..blend(alpha) };
     let near = |a: f32, b: f32| assert!((a - b).abs() < 1e-6, "{a} should be {b}");
     near(at(blend(0.3), 1.0, 0.25, -0.25), 0.3);
     near(at(blend(0.3), 0.5, 0.25, -0.25), 0.15);
     near(at(textured(0.5), 1.0, 0.25, -0.25), 0.5 * 0.2);
     near(at(textured(0.5), 1.0, -0.25, 0.25), 0.5);
-    near(at(Material { alpha_texture: Some(alpha), ..blend(1.0) }, 1.0, -0.25, 0.25), 0.6);
+    near(at(Material { alpha: Parameter { factor: 1.0, texture: Some(alpha) }, ..blend(1.0) }, 1.0, -0.25, 0.25), 0.6);
     let mask = |cutoff| Material { alpha_mode: AlphaMode::Mask { cutoff }, ..textured(1.0) };
     near(at(mask(0.19), 1.0, 0.25, -0.25), 1.0);
     near(at(mask(0.21), 1.0, 0.25, -0.25), 0.0);
@@ -204,7 +206,8 @@ fn emission_uses_its_own_coordinates_and_transform() {
     };
     let texture =
         Texture { filter: Filter::Nearest, uv_set: 1, transform, ..Texture::new(ImageId(0), ColorEncoding::Linear) };
-    let material = Material { emission: Rgb::splat(2.0), emission_texture: Some(texture), ..Material::default() };
+    let material =
+        Material { emission: Parameter { factor: Rgb::splat(2.0), texture: Some(texture) }, ..Material::default() };
     let scene = placed(mesh, material, vec![quarters()], DAffine3::IDENTITY, false);
     let hit = shade(&scene, -0.25, 0.25, true);
     assert!((scene.emitted(&hit, Vec3::Z).r - 2.0 * 204.0 / 255.0).abs() < 1e-6);

@@ -59,7 +59,7 @@ pub use film::FilmSettings;
 pub use lamp_values::{LedCount, Strength, Wavelength};
 pub use lens::{FilterSettings, LensProjection, LensSettings};
 pub use light::{Lamp, LampKind, Light, LightChange, light_keys};
-pub use materials::{AlphaKind, MaterialOverride};
+pub use materials::{AlphaKind, DielectricChange, InteriorChange, LayerChange, MaterialOverride, material_keys};
 pub use motion::{LineScanSettings, RotationSettings};
 pub use objects::{Grid, ObjectOverride, Pivot, Placement, object_keys};
 pub use patterns::{literal_pattern, matches};
@@ -136,7 +136,7 @@ pub struct Job {
     #[serde(default, rename = "object", deserialize_with = "read_later")]
     pub objects: Vec<ObjectOverride>,
     /// `[[material]]`: changes to materials, applied in order.
-    #[serde(default, rename = "material")]
+    #[serde(default, rename = "material", deserialize_with = "read_later")]
     pub materials: Vec<MaterialOverride>,
     /// `[[light]]`: changes to lights, applied in order, after those to materials.
     #[serde(default, rename = "light", deserialize_with = "read_later")]
@@ -439,10 +439,10 @@ impl Job {
         }
         job.denoise.oidn = job.denoise.oidn.as_ref().map(|path| file.resolve(path));
         job.objects = ObjectOverride::read_all(&file)?;
+        job.materials = MaterialOverride::read_all(&file)?;
         job.lights = Light::read_all(&job, &file)?;
         job.inputs = job.named_inputs();
         job.source = file;
-        job.check_materials()?;
         Ok(job)
     }
 

@@ -64,7 +64,8 @@ pub(crate) fn scene_of_meshes(
     let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let mut scene = SceneBuilder { name: stem.clone(), ..SceneBuilder::default() };
     let base_color = if colored { Rgb::WHITE } else { Rgb::splat(GREY) };
-    let material = scene.add_material(Material { name: stem.clone(), base_color, ..Material::default() });
+    let material =
+        scene.add_material(Material { name: stem.clone(), base_color: base_color.into(), ..Material::default() });
     for (mesh, object) in objects.into_iter().enumerate() {
         let name = if object.name.is_empty() { stem.clone() } else { object.name };
         let part = MeshPart { name: name.clone(), mesh: object.mesh.into(), material, ..MeshPart::default() };

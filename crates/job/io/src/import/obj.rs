@@ -279,13 +279,13 @@ impl<'a> Materials<'a> {
     /// Adds the tangents that the material of a mesh needs, and warns of maps without coordinates.
     fn check_mesh(&self, material: usize, object: &str, mesh: &mut Mesh, warnings: &mut Warnings) {
         let Some(material) = self.list.get(material) else { return };
-        if !has_maps(material) {
+        if material.textures().next().is_none() {
             return;
         }
         if mesh.uvs[0].is_empty() {
             let message = format!("has maps, but object \"{object}\" has no texture coordinates; it shows one texel");
             warnings.push(format!("material \"{}\"", material.name), message);
-        } else if material.normal_texture.is_some() {
+        } else if material.normal_map.texture.is_some() {
             let uv = mesh.uvs[0].clone();
             crate::import::tangents::generate(mesh, &uv);
         }
@@ -295,26 +295,7 @@ impl<'a> Materials<'a> {
 /// White light passes two interfaces and must have the filter's colour behind them. So each interface has the square
 /// root of it.
 fn make_solid(material: &mut Material) {
-    let share = material.transmission;
-    let tinted = material.base_color.map(|v| v.max(0.0).sqrt());
-    material.base_color = material.base_color.lerp(tinted, share);
+    let color = &mut material.base_color.factor;
+    *color = color.lerp(color.map(|v| v.max(0.0).sqrt()), material.transmission.factor);
     material.surface = Surface::Solid(Volume::default());
-}
-
-fn has_maps(m: &Material) -> bool {
-    let colors = [
-        &m.base_color_texture,
-        &m.normal_texture,
-        &m.emission_texture,
-        &m.specular_color_texture,
-        &m.sheen_color_texture,
-    ];
-    let scalars = [
-        &m.alpha_texture,
-        &m.metallic_texture,
-        &m.roughness_texture,
-        &m.clearcoat_texture,
-        &m.clearcoat_roughness_texture,
-    ];
-    colors.iter().any(|t| t.is_some()) || scalars.iter().any(|t| t.is_some())
 }

@@ -137,7 +137,7 @@ fn a_lens_with_every_key() {
         let text = format!("[lens]\nfocus_distance = {inf}\n[[material]]\nname = \"a\"\nattenuation_distance = {inf}");
         let job = job(&with(&text));
         assert_eq!(job.lens.focus_distance, Some(f64::INFINITY));
-        assert_eq!(job.materials[0].attenuation_distance, Some(f32::INFINITY));
+        assert_eq!(job.materials[0].interior.attenuation_distance, Some(f32::INFINITY));
     }
     assert_eq!(job(&with("[budget]\nspp = 2.5")).budget.spp, Some(2.5));
     // With a given size of a pixel, no sensor is needed.
@@ -154,7 +154,7 @@ fn scene() -> SceneBuilder {
     };
     let material = |name: &str, emission: f32| Material {
         name: name.into(),
-        emission: Rgb::splat(emission),
+        emission: Rgb::splat(emission).into(),
         ..Material::default()
     };
     let instance = |name: &str, meshes: &[usize], scale: f64| Instance {
@@ -197,7 +197,7 @@ fn unfit(text: &str) -> InputError {
 }
 
 fn emission_of(scene: &SceneBuilder, instance: usize) -> Rgb {
-    scene.materials[scene.meshes[scene.instances[instance].meshes[0]].material].emission
+    scene.materials[scene.meshes[scene.instances[instance].meshes[0]].material].emission.factor
 }
 
 /// Each light keeps its share of the strength of all lights of its name.
@@ -238,10 +238,10 @@ fn material_factors_are_replaced_by_name_and_pattern() {
     let volume =
         Volume { attenuation_color: Rgb::new(0.9, 0.8, 0.7), attenuation_distance: 0.002, ..Volume::default() };
     let pmma = &scene.materials[1];
-    assert_eq!((pmma.surface, pmma.transmission), (Surface::Solid(volume), 1.0));
+    assert_eq!((pmma.surface, pmma.transmission.factor), (Surface::Solid(volume), 1.0));
     assert_eq!(pmma.alpha_mode, AlphaMode::Mask { cutoff: 0.5 });
     for m in &scene.materials[1..] {
-        assert_eq!((m.ior, m.roughness, m.base_color), (1.49, 0.0, Rgb::splat(0.5)));
+        assert_eq!((m.ior, m.roughness.factor, m.base_color.factor), (1.49, 0.0, Rgb::splat(0.5)));
     }
     assert_eq!(scene.materials[0], self::scene().materials[0]);
 }

@@ -16,7 +16,7 @@ fn scene() -> SceneBuilder {
     };
     let material = |name: &str, emission: f32| Material {
         name: name.into(),
-        emission: Rgb::splat(emission),
+        emission: Rgb::splat(emission).into(),
         ..Material::default()
     };
     let instance = |name: &str, mesh: usize, x: f64| Instance {
@@ -94,7 +94,7 @@ fn objects_are_removed_and_get_other_materials() {
         "[[object]]\nname = \"lid 2\"\nmaterial = \"blue\"\n[[material]]\nname = \"blue\"\nnew = true\nbase_color = [0, 0, 1]",
     );
     assert_eq!([0, 1].map(|object| material_of(&s, object)), ["steel", "blue"], "the shared mesh was copied");
-    assert_eq!(s.materials[2].base_color, Rgb::new(0.0, 0.0, 1.0));
+    assert_eq!(s.materials[2].base_color.factor, Rgb::new(0.0, 0.0, 1.0));
     let both = changed("[[object]]\nname = \"lid*\"\nmaterial = \"glow\"");
     assert_eq!(both.meshes.len(), 2, "no copy is needed if all objects of the mesh change");
     assert_eq!([0, 1].map(|object| material_of(&both, object)), ["glow", "glow"]);
@@ -106,7 +106,8 @@ fn an_entry_changes_no_material_of_a_later_entry() {
         "[[material]]\nname = \"alu\"\nnew = true\n[[material]]\nname = \"*\"\nmetallic = 0.75\n\
          [[material]]\nname = \"felt\"\nnew = true\nroughness = 1\n[[material]]\nname = \"f?lt\"\nroughness = 0.25",
     );
-    let values = |name: &str| s.materials.iter().find(|m| m.name == name).map(|m| (m.metallic, m.roughness));
+    let values =
+        |name: &str| s.materials.iter().find(|m| m.name == name).map(|m| (m.metallic.factor, m.roughness.factor));
     assert_eq!(["steel", "alu", "felt"].map(|name| values(name).map(|v| v.0)), [Some(0.75), Some(0.75), Some(0.0)]);
     assert_eq!(values("felt"), Some((0.0, 0.25)));
     let early = apply("[[material]]\nname = \"felt\"\nmetallic = 1\n[[material]]\nname = \"felt\"\nnew = true");
@@ -138,7 +139,7 @@ fn new_objects_have_their_size_place_and_material() {
     let s = changed(text);
     assert_eq!(names(&s)[3..], ["belt", "pin"]);
     assert_eq!([3, 4].map(|object| material_of(&s, object)), ["belt", "steel"]);
-    assert_eq!(s.materials.last().expect("a new one").base_color, Rgb::splat(0.05));
+    assert_eq!(s.materials.last().expect("a new one").base_color.factor, Rgb::splat(0.05));
     let highest = |object: usize| {
         let instance = &s.instances[object];
         let corners = s.meshes[instance.meshes[0]].mesh.positions.iter();

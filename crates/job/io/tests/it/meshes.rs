@@ -192,7 +192,7 @@ fn ply_is_read_in_all_forms_with_normals_and_colours() {
         assert_eq!((mesh.positions.len(), mesh.triangles.len()), (5, 3), "a quadrilateral and a triangle");
         assert_eq!(mesh.normals, [Vec3::Z; 5]);
         assert_eq!(mesh.colors[1].to_array(), [0.0, 1.0, 0.0, 1.0]);
-        assert_eq!(imported.scene.materials[0].base_color, Rgb::WHITE);
+        assert_eq!(imported.scene.materials[0].base_color.factor, Rgb::WHITE);
         assert!(corners(&imported).contains(&DVec3::new(0.005, 0.009, -0.005)), "millimetres, z up");
     }
 }

@@ -226,7 +226,7 @@ fn libraries_are_found_by_all_their_spellings() {
         let obj = format!("{statement}\n{triangle}");
         let imported = load_with(&[("a.obj", obj.as_bytes()), (file, library)]).unwrap_or_else(|e| panic!("{e}"));
         assert_eq!(
-            imported.scene.materials[0].base_color,
+            imported.scene.materials[0].base_color.factor,
             Rgb::new(1.0, 0.0, 0.0),
             "{statement}: {:?}",
             imported.warnings
@@ -240,22 +240,22 @@ fn libraries_are_found_by_all_their_spellings() {
 #[test]
 fn classic_keys_map_as_documented() {
     let (m, _) = load_material("Kd 0.2 0.4 0.6\nKs 0.5 0.25 0.5\nNs 6\nillum 2\nNi 1.6");
-    assert_eq!((m.base_color, m.specular, m.ior), (Rgb::new(0.2, 0.4, 0.6), 0.5, 1.6));
-    assert_eq!(m.specular_color, Rgb::new(1.0, 0.5, 1.0));
-    assert!((m.roughness.powi(4) - 2.0 / 8.0).abs() < 1e-6);
-    assert_eq!(load_material("Kd 1 1 1").0.specular, 0.0);
-    assert_eq!(load_material("Ks 1 1 1\nillum 1").0.specular, 0.0);
+    assert_eq!((m.base_color.factor, m.specular.strength.factor, m.ior), (Rgb::new(0.2, 0.4, 0.6), 0.5, 1.6));
+    assert_eq!(m.specular.color.factor, Rgb::new(1.0, 0.5, 1.0));
+    assert!((m.roughness.factor.powi(4) - 2.0 / 8.0).abs() < 1e-6);
+    assert_eq!(load_material("Kd 1 1 1").0.specular.strength.factor, 0.0);
+    assert_eq!(load_material("Ks 1 1 1\nillum 1").0.specular.strength.factor, 0.0);
     let (m, _) = load_material("Kd 0.1 0.1 0.1\nKs 0.9 0.8 0.3\nillum 3");
-    assert_eq!((m.metallic, m.base_color), (1.0, Rgb::new(0.9, 0.8, 0.3)));
+    assert_eq!((m.metallic.factor, m.base_color.factor), (1.0, Rgb::new(0.9, 0.8, 0.3)));
     let (m, _) = load_material("Ke 5 6 7");
-    assert_eq!((m.emission, m.double_sided), (Rgb::new(5.0, 6.0, 7.0), false));
+    assert_eq!((m.emission.factor, m.double_sided), (Rgb::new(5.0, 6.0, 7.0), false));
     for (dissolve, alpha) in [("d 0.25", 0.25), ("Tr 0.25", 0.75), ("Tr 0.9\nd 0.5", 0.5)] {
         let (m, _) = load_material(dissolve);
-        assert_eq!((m.alpha, m.alpha_mode, m.transmission), (alpha, AlphaMode::Blend, 0.0), "{dissolve}");
+        assert_eq!((m.alpha.factor, m.alpha_mode, m.transmission.factor), (alpha, AlphaMode::Blend, 0.0), "{dissolve}");
     }
     let (m, imported) = load_material("d 0");
-    assert!(m.alpha == 0.0 && warned(&imported, "covers nothing"));
-    assert_eq!(load_material("Tf 1 1 1\nNi 1\nillum 4").0.transmission, 0.0);
+    assert!(m.alpha.factor == 0.0 && warned(&imported, "covers nothing"));
+    assert_eq!(load_material("Tf 1 1 1\nNi 1\nillum 4").0.transmission.factor, 0.0);
     assert_eq!(load_material("Ni 0").0.ior, 1.5);
 }
 
@@ -263,9 +263,13 @@ fn classic_keys_map_as_documented() {
 fn refracting_closed_meshes_are_solids_and_open_ones_sheets() {
     let (m, _) = load_material("Kd 0 0 0\nTf 0.5 1 1\nNi 1.49\nillum 7");
     assert!(matches!(m.surface, Surface::Solid(v) if v.attenuation_distance.is_infinite()));
-    assert_eq!((m.transmission, m.ior, m.roughness, m.alpha), (1.0, 1.49, 0.0, 1.0));
+    assert_eq!((m.transmission.factor, m.ior, m.roughness.factor, m.alpha.factor), (1.0, 1.49, 0.0, 1.0));
     // Two interfaces give the filter's colour.
-    assert!((m.base_color.r.powi(2) - 0.5).abs() < 1e-6 && m.base_color.g == 1.0, "{:?}", m.base_color);
+    assert!(
+        (m.base_color.factor.r.powi(2) - 0.5).abs() < 1e-6 && m.base_color.factor.g == 1.0,
+        "{:?}",
+        m.base_color.factor
+    );
 
     let open = CUBE_FACES.lines().skip(1).collect::<Vec<_>>().join("\n");
     let mtl = b"newmtl g\nillum 6\nd 0.1\nNi 1.5\n";
@@ -274,7 +278,7 @@ fn refracting_closed_meshes_are_solids_and_open_ones_sheets() {
     let surface = |i: usize| imported.scene.materials[imported.scene.meshes[i].material].surface;
     assert!(matches!(surface(0), Surface::Solid(_)));
     assert_eq!(surface(1), Surface::Thin);
-    assert!(imported.scene.materials.iter().all(|m| m.name == "g" && (m.transmission - 0.9).abs() < 1e-6));
+    assert!(imported.scene.materials.iter().all(|m| m.name == "g" && (m.transmission.factor - 0.9).abs() < 1e-6));
     assert!(warned(&imported, "not closed"));
 }
 
@@ -283,19 +287,25 @@ fn pbr_keys_map_as_documented() {
     let (m, _) = load_material(
         "Kd 0.5 0.5 0.5\nKs 0 0 0\nPr 0.2\nPm 0.3\nPs 0.4\nPc 0.5\nPcr 0.6\naniso 0.7\nanisor 0.25\nmap_Pr red.png",
     );
-    assert_eq!((m.roughness, m.metallic, m.clearcoat, m.clearcoat_roughness), (0.2, 0.3, 0.5, 0.6));
-    assert_eq!((m.sheen_color, m.anisotropy, m.specular), (Rgb::splat(0.4), 0.7, 1.0));
-    assert!((m.anisotropy_rotation - std::f32::consts::FRAC_PI_2).abs() < 1e-6);
-    assert_eq!(m.roughness_texture.expect("map_Pr").channel, 0);
+    assert_eq!(
+        (m.roughness.factor, m.metallic.factor, m.clearcoat.strength.factor, m.clearcoat.roughness.factor),
+        (0.2, 0.3, 0.5, 0.6)
+    );
+    assert_eq!(
+        (m.sheen.color.factor, m.anisotropy.strength.factor, m.specular.strength.factor),
+        (Rgb::splat(0.4), 0.7, 1.0)
+    );
+    assert!((m.anisotropy.rotation - std::f32::consts::FRAC_PI_2).abs() < 1e-6);
+    assert_eq!(m.roughness.texture.expect("map_Pr").channel, 0);
 }
 
 /// OBJ reads the texture at s * uv + o with v upwards; here v runs down. Both must reach the same texel.
 #[test]
 fn texture_options_survive_the_turn_of_the_v_axis() {
     let (m, imported) = load_material("Kd 0 0 0\nmap_Kd -s 2 3 -o 0.25 0.5 -clamp on red.png");
-    let texture = m.base_color_texture.expect("map_Kd");
+    let texture = m.base_color.texture.expect("map_Kd");
     assert_eq!((texture.encoding, texture.wrap), (ColorEncoding::Srgb, [Wrap::Clamp; 2]));
-    assert_eq!(m.base_color, Rgb::WHITE);
+    assert_eq!(m.base_color.factor, Rgb::WHITE);
     assert!(warned(&imported, "Kd is black beside a map"));
     let (u, v) = (0.1, 0.2);
     let (want_u, want_v_up) = (2.0 * u + 0.25, 3.0 * v + 0.5);
@@ -321,14 +331,14 @@ fn maps_are_found_converted_and_shared() {
     ])
     .unwrap_or_else(|e| panic!("{e}"));
     let m = &imported.scene.materials[0];
-    let alpha = m.alpha_texture.expect("map_d");
-    assert_eq!((alpha.texture.image, alpha.channel), (m.base_color_texture.expect("map_Kd").image, 3));
+    let alpha = m.alpha.texture.expect("map_d");
+    assert_eq!((alpha.image, alpha.channel), (m.base_color.texture.expect("map_Kd").image, 3));
     assert_eq!(m.alpha_mode, AlphaMode::Blend);
     assert_eq!(imported.scene.images.len(), 3);
-    let normals = &imported.scene.images[m.normal_texture.expect("map_Bump").image.0 as usize];
+    let normals = &imported.scene.images[m.normal_map.texture.expect("map_Bump").image.0 as usize];
     assert!(normals.name.contains("normals"));
-    assert!(m.roughness_texture.is_some() && m.roughness == 1.0);
-    assert!(m.emission_texture.is_none() && m.specular_color_texture.is_none());
+    assert!(m.roughness.texture.is_some() && m.roughness.factor == 1.0);
+    assert!(m.emission.texture.is_none() && m.specular.color.texture.is_none());
     assert!(warned(&imported, "\"gone.png\"") && warned(&imported, "\"broken.png\""), "{:?}", imported.warnings);
     let mesh = the_mesh(&imported);
     assert_eq!(mesh.tangents.len(), mesh.positions.len());
@@ -350,7 +360,7 @@ fn files_that_hold_the_same_are_kept_once_and_count_against_the_budget() {
     let imported = within(sum).unwrap_or_else(|e| panic!("{e}"));
     assert_eq!(imported.scene.images.iter().map(|i| i.texels.bytes() as u64).sum::<u64>(), sum);
     let m = &imported.scene.materials[0];
-    assert_eq!(m.base_color_texture.expect("map_Kd").image, m.metallic_texture.expect("map_Pm").texture.image);
+    assert_eq!(m.base_color.texture.expect("map_Kd").image, m.metallic.texture.expect("map_Pm").image);
     assert_eq!(imported.scene.images.len(), 3);
     let e = within(sum - 1).expect_err("beyond the budget");
     assert!(e.problem.contains("3 images of the scene need") && e.place.contains(".png"), "{e}");
@@ -364,7 +374,7 @@ fn a_normal_map_under_the_name_of_a_bump_map_is_recognised() {
         &[("a.obj", obj.as_bytes()), ("m.mtl", b"newmtl m\nmap_Bump -bm 0.5 n.png"), ("n.png", &normals)];
     let imported = load_with(files).unwrap_or_else(|e| panic!("{e}"));
     let m = &imported.scene.materials[0];
-    assert_eq!((imported.scene.images[0].name.as_str(), m.normal_scale), ("n.png", 0.5));
+    assert_eq!((imported.scene.images[0].name.as_str(), m.normal_map.scale), ("n.png", 0.5));
     assert!(warned(&imported, "holds normals"));
 }
 
@@ -377,7 +387,7 @@ fn files_outside_the_folder_are_not_read() {
     let path = inner.join("a.obj");
     std::fs::write(&path, "mtllib ../secret.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl m\nf 1 2 3\n").expect("writable");
     let imported = load_obj(&path, &ImportOptions::default()).unwrap_or_else(|e| panic!("{e}"));
-    assert_ne!(imported.scene.materials[0].base_color, Rgb::new(1.0, 0.0, 0.0));
+    assert_ne!(imported.scene.materials[0].base_color.factor, Rgb::new(1.0, 0.0, 0.0));
     assert!(warned(&imported, "secret.mtl"));
 }
 

@@ -14,7 +14,7 @@ fn scene() -> SceneBuilder {
     let mut scene = SceneBuilder::default();
     let paint = scene.add_material(Material { name: "paint".into(), ..Material::default() });
     scene.add_object("part", cuboid(Vec3::splat(-0.01), Vec3::splat(0.01)), paint);
-    let glow = scene.add_material(Material { name: "glow".into(), emission: Rgb::WHITE, ..Material::default() });
+    let glow = scene.add_material(Material { name: "glow".into(), emission: Rgb::WHITE.into(), ..Material::default() });
     scene.add_object("glow", cuboid(Vec3::splat(1.0), Vec3::splat(1.1)), glow);
     scene.add_camera("above", DVec3::new(0.0, 0.5, 0.0), DVec3::ZERO, 0.3);
     for (name, kind) in [

@@ -35,9 +35,11 @@ pub(super) fn check(scene: &Scene, report: &mut BuildReport) {
             ));
         }
         let material = &scene.materials[part.material as usize];
-        let called_for = match (&material.normal_texture, material.anisotropy != 0.0) {
+        let called_for = match (&material.normal_map.texture, material.anisotropy.strength.factor != 0.0) {
             (Some(t), _) => Some(("a normal map", usize::from(t.uv_set & 1))),
-            (None, true) => Some(("anisotropy", material.anisotropy_texture.map_or(0, |t| usize::from(t.uv_set & 1)))),
+            (None, true) => {
+                Some(("anisotropy", material.anisotropy.strength.texture.map_or(0, |t| usize::from(t.uv_set & 1))))
+            }
             (None, false) => None,
         };
         if let Some((what, set)) = called_for

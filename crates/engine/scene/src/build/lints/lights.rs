@@ -174,7 +174,7 @@ impl Scene {
     /// Does a part emit, and reflect so little that it is no object that is lit?
     pub(super) fn is_lamp(&self, part: &Part) -> bool {
         let material = &self.materials[part.material as usize];
-        let reflects = material.base_color.mean() > LAMP_REFLECTANCE || material.textures().next().is_some();
+        let reflects = material.base_color.factor.mean() > LAMP_REFLECTANCE || material.textures().next().is_some();
         self.compiled[part.material as usize].emits && !reflects
     }
 

@@ -60,13 +60,12 @@ fn unit(scene: &Scene, boxes: &[Aabb], report: &mut BuildReport) {
 
 /// White rough metal: the values of a glTF material without any key, and of a primitive without a material.
 fn is_unchosen(m: &Material) -> bool {
-    m.metallic >= 1.0
-        && m.roughness >= 1.0
-        && m.base_color == Rgb::WHITE
-        && m.emission.is_black()
-        && m.transmission == 0.0
-        && m.clearcoat == 0.0
-        && !m.unlit
+    m.metallic.factor >= 1.0
+        && m.roughness.factor >= 1.0
+        && m.base_color.factor == Rgb::WHITE
+        && m.transmission.factor == 0.0
+        && m.clearcoat.strength.factor == 0.0
+        && !m.emits()
         && m.textures().next().is_none()
 }
 

@@ -278,7 +278,7 @@ impl Job {
             let problem = format!("the scene would have {objects} objects");
             return Err(self.object_error(i, key, problem, format!("make copies for at most {MOST_OBJECTS} objects")));
         }
-        let emits = |material: usize| scene.materials.get(material).is_some_and(|m| !m.emission.is_black());
+        let emits = |material: usize| scene.materials.get(material).is_some_and(|m| !m.emission.factor.is_black());
         let parts = selected.iter().filter_map(|k| scene.instances.get(*k)).flat_map(|n| &n.meshes);
         let parts = parts.filter_map(|m| scene.meshes.get(*m)).filter(|part| emits(part.material));
         let emitters: u64 = parts.map(|part| part.mesh.triangles.len() as u64).sum();

@@ -9,7 +9,7 @@ use dunkelfeld_radiometry::{Nanometres, Number, Rgb};
 use dunkelfeld_scene::lamps::{LampMeshes, area, irradiance_on_axis};
 use dunkelfeld_scene::{
     Camera, EmissionProfile, Environment, EnvironmentSource, Instance, LampShape, Leds, Material, MeshPart,
-    PunctualKind, PunctualLight, SceneBuilder,
+    PunctualKind, PunctualLight, SceneBuilder, Specular,
 };
 use dunkelfeld_sensor::Bands;
 use std::f64::consts::PI;
@@ -431,10 +431,10 @@ impl MeshLamp {
     fn add(&self, name: String, to_world: DAffine3, scene: &mut SceneBuilder) {
         let material = scene.add_material(Material {
             name: name.clone(),
-            base_color: Rgb::splat(if self.has_body { BLACK } else { 0.0 }),
-            specular: 0.0,
-            roughness: 1.0,
-            emission: self.emission,
+            base_color: Rgb::splat(if self.has_body { BLACK } else { 0.0 }).into(),
+            specular: Specular::NONE,
+            roughness: 1.0.into(),
+            emission: self.emission.into(),
             emission_profile: self.profile,
             is_back_invisible: !self.has_body,
             ..Material::default()
@@ -451,8 +451,8 @@ impl MeshLamp {
             let name = format!("{name} plate");
             let material = scene.add_material(Material {
                 name: name.clone(),
-                base_color: Rgb::splat(BLACK),
-                roughness: 0.5,
+                base_color: Rgb::splat(BLACK).into(),
+                roughness: 0.5.into(),
                 ..Material::default()
             });
             parts.push(MeshPart { name, mesh: self.meshes.plate.clone().into(), material, ..MeshPart::default() });
@@ -466,7 +466,7 @@ impl MeshLamp {
 
 /// The middle of all objects, without lamps that were added before.
 fn scene_center(scene: &SceneBuilder) -> Option<DVec3> {
-    let emits = |mesh: &MeshPart| scene.materials.get(mesh.material).is_some_and(|m| !m.emission.is_black());
+    let emits = |mesh: &MeshPart| scene.materials.get(mesh.material).is_some_and(|m| !m.emission.factor.is_black());
     let is_lamp = |n: &&Instance| n.meshes.iter().filter_map(|m| scene.meshes.get(*m)).any(emits);
     let bounds = |n: &Instance| scene.bounds_of(n);
     let parts = scene.instances.iter().filter(|n| !is_lamp(n)).filter_map(bounds);

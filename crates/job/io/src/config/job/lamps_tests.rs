@@ -40,7 +40,7 @@ fn irradiance(scene: &SceneBuilder, at: DVec3, channel: usize) -> f64 {
     for lamp in &scene.instances {
         for part in lamp.meshes.iter().map(|m| &scene.meshes[*m]) {
             let material = &scene.materials[part.material];
-            let radiance = f64::from(material.emission.to_array()[channel]);
+            let radiance = f64::from(material.emission.factor.to_array()[channel]);
             if radiance > 0.0 {
                 // The frame of the lamp is that of `irradiance_on_axis` if the point lies on its axis.
                 let local = lamp.to_world.inverse().transform_point3(at);
@@ -78,7 +78,8 @@ fn the_power_of_a_lamp_is_what_its_surface_emits() {
         let scene = lit(&format!("[[light]]\n{shape}\ndistance = \"200mm\"\npower = \"3W\"\nname = \"lamp\"\n"));
         let part = scene.meshes.iter().find(|m| m.name == "lamp").expect("a lamp");
         let material = &scene.materials[part.material];
-        let power = f64::from(material.emission.mean()) * PI * area(&part.mesh) * material.emission_profile.exitance();
+        let power =
+            f64::from(material.emission.factor.mean()) * PI * area(&part.mesh) * material.emission_profile.exitance();
         assert!((power / 3.0 - 1.0).abs() < 1e-5, "{shape}: {power} W");
     }
 }
@@ -96,7 +97,7 @@ fn small_points_and_spots_have_the_intensity_of_punctual_ones() {
             let scene = lit(&format!("{head}diameter = \"1mm\"\n"));
             let part = scene.meshes.iter().find(|m| m.name == "lamp").expect("a lamp");
             let seen = area(&part.mesh) * if shape.contains("spot") { 1.0 } else { 0.25 };
-            let intensity = f64::from(scene.materials[part.material].emission.g) * seen;
+            let intensity = f64::from(scene.materials[part.material].emission.factor.g) * seen;
             assert!((intensity / f64::from(punctual) - 1.0).abs() < 1e-4, "{head}: {intensity} and {punctual}");
         }
     }
@@ -152,7 +153,7 @@ fn a_coaxial_lamp_is_invisible_from_behind_and_halves_the_light_of_the_camera() 
     let text = "[[light]]\nkind = \"coaxial\"\nwidth = \"60mm\"\ndistance = \"100mm\"\nradiance = 10\n";
     let scene = lit(text);
     let lamp = &scene.materials[scene.meshes[1].material];
-    assert!(lamp.is_back_invisible && (lamp.emission.g - 5.0).abs() < 1e-6);
+    assert!(lamp.is_back_invisible && (lamp.emission.factor.g - 5.0).abs() < 1e-6);
     let job = job(text).expect("a job");
     assert!((job.splitter_transmission("above", Some("above")) - 0.5).abs() < 1e-12);
     assert_eq!(job.splitter_transmission("side", Some("above")), 1.0);
@@ -163,7 +164,7 @@ fn a_coaxial_lamp_is_invisible_from_behind_and_halves_the_light_of_the_camera() 
 fn strobes_shorten_the_exposure_and_off_lamps_are_absent() {
     let lamp = "[[light]]\nkind = \"panel\"\nwidth = 0.1\ndistance = 0.2\nradiance = 10\n";
     let scene = lit(&format!("[sensor]\nexposure = \"1ms\"\n{lamp}strobe = \"100us\"\n"));
-    assert!((scene.materials[1].emission.g - 1.0).abs() < 1e-6);
+    assert!((scene.materials[1].emission.factor.g - 1.0).abs() < 1e-6);
     let scene = lit(&format!("{lamp}enabled = false\n"));
     assert_eq!((scene.instances.len(), scene.materials.len()), (1, 1));
 }
@@ -221,7 +222,7 @@ fn the_irradiance_of_points_and_spots_is_that_at_their_target() {
         }
         let round = lit(&format!("{head}distance = \"300mm\"\ndiameter = \"20mm\"\n"));
         let part = round.meshes.iter().find(|m| m.name == "lamp").expect("a lamp");
-        let radiance = f64::from(round.materials[part.material].emission.g);
+        let radiance = f64::from(round.materials[part.material].emission.factor.g);
         let per_radiance = PI * 0.01f64.powi(2) / if kind == "spot" { 0.09 + 0.01f64.powi(2) } else { 0.09 };
         assert!((radiance * per_radiance / 5.0 - 1.0).abs() < 2e-3, "{kind}: {}", radiance * per_radiance);
         let error = job(&format!("{head}distance = 0\n")).expect("a job").apply_overrides(&mut scene());

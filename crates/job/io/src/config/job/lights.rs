@@ -54,7 +54,7 @@ impl Job {
         }
         let surfaces = emitting_surfaces(&change.name, scene).ok_or_else(|| {
             let names = scene.lights.iter().map(|l| l.name.as_str());
-            let emissive = scene.materials.iter().filter(|m| !m.emission.is_black()).map(|m| m.name.as_str());
+            let emissive = scene.materials.iter().filter(|m| !m.emission.factor.is_black()).map(|m| m.name.as_str());
             let known = unique(names.chain(scene.instances.iter().map(|n| n.name.as_str())).chain(emissive));
             let problem = format!("the scene has no light, object or material named \"{}\"", change.name);
             self.light_error(i, "name", problem, suggestion(&change.name, "names", &known))
@@ -68,16 +68,17 @@ impl Job {
             for material in light.materials {
                 if let Some(material) = scene.materials.get_mut(material) {
                     // Strengths that a file gives as ratios are preserved only if the light has a single material.
-                    material.emission = emission.map_or(material.emission, |e| e.of(material.emission));
+                    let radiance = &mut material.emission.factor;
+                    *radiance = emission.map_or(*radiance, |e| e.of(*radiance));
                     let keys = [("wavelength", change.wavelength.is_some()), ("scale", change.scale.is_some())];
                     if let Some((key, _)) = keys.iter().find(|(_, given)| *given) {
                         let is_unset = change.enabled && change.strength.is_none();
-                        if is_unset && material.emission.is_black() {
+                        if is_unset && radiance.is_black() {
                             let problem = format!("\"{}\" does not emit, so that it has no {key}", light.name);
                             let help = "give `radiance` or `power` as well, or remove this";
                             return Err(self.light_error(i, key, problem, help));
                         }
-                        material.emission = scaled_line(change, material.emission);
+                        *radiance = scaled_line(change, *radiance);
                     }
                 }
             }
@@ -187,7 +188,7 @@ impl Job {
             _ => return Ok(None),
         };
         let used: Vec<&Material> = light.materials.iter().filter_map(|m| scene.materials.get(*m)).collect();
-        if used.iter().any(|m| m.emission_texture.is_some()) {
+        if used.iter().any(|m| m.emission.texture.is_some()) {
             warnings.push(ImportWarning {
                 place: format!("[[light]] {}, power", i + 1),
                 message: format!("\"{}\" has an emission texture; the power holds as if it were white", light.name),
@@ -196,11 +197,11 @@ impl Job {
         // Radiant power of a Lambertian emitter: pi * area * radiance, per emitting side. The present emission weights
         // the parts of a light with several materials.
         let mut weight = 0.0;
-        let black = used.iter().all(|m| m.emission.is_black());
+        let black = used.iter().all(|m| m.emission.factor.is_black());
         for (area, material) in &light.areas {
             let Some(material) = scene.materials.get(*material) else { continue };
             let sides = if material.double_sided { 2.0 } else { 1.0 };
-            let radiance = if black { 1.0 } else { f64::from(material.emission.mean()) };
+            let radiance = if black { 1.0 } else { f64::from(material.emission.factor.mean()) };
             weight += PI * area * sides * radiance;
         }
         if weight <= 0.0 {
@@ -261,7 +262,7 @@ enum Surfaces {
 
 /// Objects that emit, then materials that emit, then any object, then any material.
 fn emitting_surfaces(name: &str, scene: &SceneBuilder) -> Option<Surfaces> {
-    let emits = |material: usize| scene.materials.get(material).is_some_and(|m| !m.emission.is_black());
+    let emits = |material: usize| scene.materials.get(material).is_some_and(|m| !m.emission.factor.is_black());
     let part_emits = |mesh: &usize| scene.meshes.get(*mesh).is_some_and(|m| emits(m.material));
     let objects = |emissive: bool| -> Vec<usize> {
         let named = scene.instances.iter().enumerate().filter(|(_, n)| matches(name, &n.name));
@@ -296,7 +297,7 @@ impl Surfaces {
                 true
             }
             Self::Materials(materials) => {
-                let emits = |m: &usize| scene.materials.get(*m).is_some_and(|m| !m.emission.is_black());
+                let emits = |m: &usize| scene.materials.get(*m).is_some_and(|m| !m.emission.factor.is_black());
                 if !materials.iter().any(emits) {
                     return false;
                 }
@@ -340,7 +341,7 @@ fn object_light(instance: usize, only_emissive: bool, scene: &mut SceneBuilder) 
     for (slot, mesh) in meshes.into_iter().enumerate() {
         let Some(part) = scene.meshes.get(mesh) else { continue };
         let old = part.material;
-        let emits = scene.materials.get(old).is_some_and(|m| !m.emission.is_black());
+        let emits = scene.materials.get(old).is_some_and(|m| !m.emission.factor.is_black());
         if only_emissive && !emits {
             continue;
         }

@@ -2,6 +2,9 @@
 
 use super::check;
 use super::finish::{FinishSettings, GrainSettings};
+use crate::error::InputError;
+use crate::toml_file::TomlFile;
+use crate::toml_keys::{TableKeys, keys_of};
 use dunkelfeld_radiometry::Rgb;
 use serde::Deserialize;
 
@@ -46,65 +49,92 @@ pub struct MaterialOverride {
     /// Index of refraction, 1 to 10.
     #[serde(default, deserialize_with = "check::ior")]
     pub ior: Option<f32>,
+    /// Dielectric reflection and transmission.
+    #[serde(skip)]
+    pub dielectric: DielectricChange,
+    /// Content of a solid.
+    #[serde(skip)]
+    pub interior: InteriorChange,
+    /// Coat, sheen and anisotropy.
+    #[serde(skip)]
+    pub layers: LayerChange,
+}
+
+/// Keys of `[[material]]` about the light that a dielectric reflects and transmits.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(default)]
+pub struct DielectricChange {
     /// Strength of the dielectric reflection, 0 to 1.
-    #[serde(default, deserialize_with = "check::unit")]
+    #[serde(deserialize_with = "check::unit")]
     pub specular: Option<f32>,
     /// Tint of the dielectric reflection.
-    #[serde(default, deserialize_with = "check::color")]
+    #[serde(deserialize_with = "check::color")]
     pub specular_color: Option<Rgb>,
     /// Share of the base colour's hue in the dielectric reflection, 0 to 1.
-    #[serde(default, deserialize_with = "check::unit")]
+    #[serde(deserialize_with = "check::unit")]
     pub specular_tint: Option<f32>,
     /// Share of the non-metallic light that is transmitted, 0 to 1.
-    #[serde(default, deserialize_with = "check::unit")]
+    #[serde(deserialize_with = "check::unit")]
     pub transmission: Option<f32>,
     /// Share of the diffuse light that leaves on the other side, 0 to 1.
-    #[serde(default, deserialize_with = "check::unit")]
+    #[serde(deserialize_with = "check::unit")]
     pub diffuse_transmission: Option<f32>,
     /// Colour of that light.
-    #[serde(default, deserialize_with = "check::color")]
+    #[serde(deserialize_with = "check::color")]
     pub diffuse_transmission_color: Option<Rgb>,
+}
+
+/// Keys of `[[material]]` about the inside.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(default)]
+pub struct InteriorChange {
     /// `true`: the closed boundary of a solid that refracts, absorbs and scatters; `false`: a thin sheet.
     pub solid: Option<bool>,
     /// Where solids touch or overlap, the one with the highest priority is used, and of equal ones the smaller solid.
     /// Default 0.
-    #[serde(default, deserialize_with = "check::priority")]
+    #[serde(deserialize_with = "check::priority")]
     pub priority: Option<i32>,
     /// Colour of white light after `attenuation_distance` in the solid, each channel above 0.
-    #[serde(default, deserialize_with = "check::positive_color")]
+    #[serde(deserialize_with = "check::positive_color")]
     pub attenuation_color: Option<Rgb>,
     /// Distance \[m\] for `attenuation_color`; written as `"2mm"`.
-    #[serde(default, deserialize_with = "check::distance")]
+    #[serde(deserialize_with = "check::distance")]
     pub attenuation_distance: Option<f32>,
     /// The single-scattering albedo, 0 to 1: the part of this attenuation that is scattered. The rest is absorbed.
-    #[serde(default, deserialize_with = "check::color")]
+    #[serde(deserialize_with = "check::color")]
     pub scattering_albedo: Option<Rgb>,
     /// Absorption coefficient of the solid [1/m]. It replaces the one from the attenuation. Written as `"0.5/mm"`.
-    #[serde(default, deserialize_with = "check::coefficient")]
+    #[serde(deserialize_with = "check::coefficient")]
     pub absorption: Option<Rgb>,
     /// Scattering coefficient of the solid [1/m]. It replaces the one from the attenuation. Written as `"0.5/mm"`.
-    #[serde(default, deserialize_with = "check::coefficient")]
+    #[serde(deserialize_with = "check::coefficient")]
     pub scattering: Option<Rgb>,
     /// Mean cosine g of the deflection by scattering (Henyey and Greenstein), -0.9999 to 0.9999.
-    #[serde(default, deserialize_with = "check::mean_cosine")]
+    #[serde(deserialize_with = "check::mean_cosine")]
     pub scattering_anisotropy: Option<f32>,
+}
+
+/// Keys of `[[material]]` about coat, sheen and anisotropy.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(default)]
+pub struct LayerChange {
     /// Strength of a clear coat, 0 to 1.
-    #[serde(default, deserialize_with = "check::unit")]
+    #[serde(deserialize_with = "check::unit")]
     pub clearcoat: Option<f32>,
     /// Roughness of the clear coat, 0 to 1.
-    #[serde(default, deserialize_with = "check::unit")]
+    #[serde(deserialize_with = "check::unit")]
     pub clearcoat_roughness: Option<f32>,
     /// Sheen colour, 0 to 1.
-    #[serde(default, deserialize_with = "check::color")]
+    #[serde(deserialize_with = "check::color")]
     pub sheen_color: Option<Rgb>,
     /// Sheen roughness, 0 to 1.
-    #[serde(default, deserialize_with = "check::unit")]
+    #[serde(deserialize_with = "check::unit")]
     pub sheen_roughness: Option<f32>,
     /// Anisotropy, -1 to 1; positive stretches highlights along the tangent.
-    #[serde(default, deserialize_with = "check::signed_unit")]
+    #[serde(deserialize_with = "check::signed_unit")]
     pub anisotropy: Option<f32>,
     /// Rotation of the anisotropy's axis \[rad\]; written as `"30deg"`.
-    #[serde(default, deserialize_with = "check::angle")]
+    #[serde(deserialize_with = "check::angle")]
     pub anisotropy_rotation: Option<f32>,
     /// The direction of grooves, for the anisotropy and for `finish`.
     pub grain: Option<GrainSettings>,
@@ -122,4 +152,42 @@ pub enum AlphaKind {
     Mask,
     /// Covers stochastically.
     Blend,
+}
+
+/// The keys of `[[material]]`.
+pub fn material_keys() -> Vec<&'static str> {
+    [
+        keys_of::<MaterialOverride>(),
+        keys_of::<DielectricChange>(),
+        keys_of::<InteriorChange>(),
+        keys_of::<LayerChange>(),
+    ]
+    .concat()
+}
+
+impl MaterialOverride {
+    /// Reads the entries of a job.
+    pub(super) fn read_all(file: &TomlFile) -> Result<Vec<Self>, InputError> {
+        let read = |mut keys: TableKeys<'_>| {
+            let given = |list: &[&'static str]| list.iter().copied().find(|key| keys.has(key));
+            let by_color = given(&["attenuation_color", "attenuation_distance", "scattering_albedo"]);
+            let outright = given(&["absorption", "scattering"]);
+            let (dielectric, interior, layers) = (keys.take(&[])?, keys.take(&[])?, keys.take(&[])?);
+            let change = Self { dielectric, interior, layers, ..keys.rest()? };
+            if change.new && (change.name.is_empty() || change.name.contains(['*', '?'])) {
+                let problem = "a new material cannot have a pattern as its name, or none";
+                return Err(keys.error("name", problem, "write a name without `*` and `?`"));
+            }
+            if let (Some(first), Some(second)) = (by_color, outright) {
+                let problem = format!("`{first}` and `{second}` both define the light inside the solid");
+                let help = "describe the medium by `attenuation_color`, `attenuation_distance` and `scattering_albedo`, or by `absorption` and `scattering`";
+                return Err(keys.error(second, problem, help));
+            }
+            if change.layers.grain.is_some_and(|grain| grain.grain().is_none()) {
+                return Err(keys.error("grain", "a direction of no length", "write a direction such as [1, 0, 0]"));
+            }
+            Ok(change)
+        };
+        TableKeys::of_list(file, "material").into_iter().map(read).collect()
+    }
 }

@@ -4,7 +4,7 @@ use super::{Exposure, Job, ObjectOverride};
 use crate::error::{ImportWarning, InputError};
 use dunkelfeld_geometry::{DAffine3, DVec3, RigidMotion, Spin};
 use dunkelfeld_radiometry::Number;
-use dunkelfeld_scene::{Instance, LineScan, SceneBuilder, Shutter};
+use dunkelfeld_scene::{Instance, LineScan, Material, SceneBuilder, Shutter};
 
 /// Most names of objects in a warning.
 const MOST_NAMES: usize = 6;
@@ -103,7 +103,7 @@ impl Job {
         scene: &mut SceneBuilder,
         warnings: &mut Vec<ImportWarning>,
     ) -> Result<(), InputError> {
-        let emits: Vec<bool> = scene.materials.iter().map(|m| m.unlit || !m.emission.is_black()).collect();
+        let emits: Vec<bool> = scene.materials.iter().map(Material::emits).collect();
         let material = |mesh: &usize| scene.meshes.get(*mesh).map(|part| part.material);
         let mut at_rest = Vec::new();
         for object in scene.instances.iter_mut().filter(|object| !object.motion.is_static()) {
@@ -278,7 +278,7 @@ mod tests {
         let apply = |text: &str| {
             let mut scene = scene();
             scene.instances[0].motion = RigidMotion::linear(DVec3::X);
-            let material = scene.add_material(dunkelfeld_scene::Material { name: "glow".into(), ..Default::default() });
+            let material = scene.add_material(Material { name: "glow".into(), ..Default::default() });
             scene.meshes[0].material = material;
             let job =
                 job(&format!("[sensor]\nexposure = \"1ms\"\n[[material]]\nname = \"glow\"\nemission = 2\n{text}"));

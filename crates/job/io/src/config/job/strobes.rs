@@ -4,7 +4,7 @@ use super::light::{Lamp, LampKind};
 use super::{Exposure, Job, Light};
 use crate::error::ImportWarning;
 use dunkelfeld_radiometry::Number;
-use dunkelfeld_scene::{EnvironmentSource, Instance, PunctualKind, PunctualLight, SceneBuilder};
+use dunkelfeld_scene::{EnvironmentSource, Instance, Material, PunctualKind, PunctualLight, SceneBuilder};
 
 /// An exposure time from this one on \[s\] that is written without a unit was probably meant in milliseconds.
 const LONG_WITHOUT_UNIT: f64 = 0.1;
@@ -105,7 +105,7 @@ fn shines(light: &PunctualLight) -> bool {
 
 fn emits(object: &Instance, scene: &SceneBuilder) -> bool {
     let material = |mesh: &usize| scene.meshes.get(*mesh).and_then(|part| scene.materials.get(part.material));
-    object.meshes.iter().filter_map(material).any(|m| m.unlit || !m.emission.is_black())
+    object.meshes.iter().filter_map(material).any(Material::emits)
 }
 
 #[cfg(test)]
@@ -113,8 +113,8 @@ mod tests {
     use super::*;
     use dunkelfeld_geometry::{DVec3, Vec3};
     use dunkelfeld_radiometry::Rgb;
+    use dunkelfeld_scene::Shutter;
     use dunkelfeld_scene::shapes::cuboid;
-    use dunkelfeld_scene::{Material, Shutter};
 
     const MOVING: &str = "[sensor]\nexposure = \"1ms\"\n[[object]]\nname = \"part\"\nvelocity = [1, 0, 0]\n";
     const RING: &str = "[[light]]\nkind = \"ring\"\ndiameter = 0.1\ndistance = 0.2\n";
@@ -157,7 +157,7 @@ mod tests {
         let light = || PunctualLight { name: "window".into(), to_world: Default::default(), kind };
         assert_eq!(shutter_of(&all, |scene| scene.lights.push(light())), (whole, true));
         let glow = |scene: &mut SceneBuilder| {
-            let material = scene.add_material(Material { emission: Rgb::WHITE, ..Material::default() });
+            let material = scene.add_material(Material { emission: Rgb::WHITE.into(), ..Material::default() });
             scene.add_object("ring", cuboid(Vec3::splat(1.0), Vec3::splat(2.0)), material);
         };
         assert_eq!(shutter_of(&all, glow), (whole, true));

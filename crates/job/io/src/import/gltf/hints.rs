@@ -70,7 +70,8 @@ pub(super) fn dark_emission(scene: &SceneBuilder, document: &Document, unit: Emi
         PunctualKind::Profile { scale, .. } => !scale.is_black(),
     };
     let nits = |radiance: f32| radiance * crate::import::LUMENS_PER_WATT;
-    let dark = |m: &&dunkelfeld_scene::Material| !m.emission.is_black() && nits(m.emission.mean()) < DARK_NITS;
+    let dark =
+        |m: &&dunkelfeld_scene::Material| !m.emission.factor.is_black() && nits(m.emission.factor.mean()) < DARK_NITS;
     let Some(material) = scene.materials.iter().find(dark) else { return };
     let (beside, unlike, result) = match scene.lights.iter().find(|l| shines(&l.kind)) {
         Some(lamp) => {
@@ -80,8 +81,8 @@ pub(super) fn dark_emission(scene: &SceneBuilder, document: &Document, unit: Emi
     };
     let message = format!(
         "emits {:.1} nit = {:.4} W/(m^2 sr){beside}; Blender writes the strength of emission without the factor of 683 lm/W{unlike}: {result} write `[import]` with `emissive_unit = \"W/(m2 sr)\"` in a job",
-        nits(material.emission.mean()),
-        material.emission.mean(),
+        nits(material.emission.factor.mean()),
+        material.emission.factor.mean(),
     );
     warnings.push(format!("material \"{}\"", material.name), message);
 }

@@ -5,7 +5,9 @@ use super::extensions::{OfMaterial, OfNormalTexture};
 use super::reader::Reader;
 use crate::import::options::{EmissiveUnit, LUMENS_PER_WATT};
 use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_scene::{AlphaMode, ChannelTexture, ColorEncoding, Material, Surface, Texture, Volume};
+use dunkelfeld_scene::{
+    AlphaMode, Anisotropy, Clearcoat, ColorEncoding, DiffuseTransmission, Material, Sheen, Surface, Texture, Volume,
+};
 use gltf::json;
 use gltf::json::extensions::{material as typed, texture};
 use gltf::json::material::AlphaMode as JsonAlphaMode;
@@ -14,7 +16,7 @@ use gltf::json::validation::Checked;
 
 /// The material of a primitive that has none (glTF 2.0, section 3.7.2.1).
 pub(super) fn default_material() -> Material {
-    Material { name: "default".into(), metallic: 1.0, roughness: 1.0, ..Material::default() }
+    Material { name: "default".into(), metallic: 1.0.into(), roughness: 1.0.into(), ..Material::default() }
 }
 
 /// A material of the file: the part typed by `gltf::json`, and the rest.
@@ -84,20 +86,20 @@ fn normal_map(source: &Source<'_>, m: &mut Material, r: &mut Reader<'_, '_>) {
         extensions: Some(texture::Info { texture_transform, ..texture::Info::default() }),
         extras: None,
     };
-    m.normal_texture = r.texture(Some(&info), ColorEncoding::Linear);
-    m.normal_scale = r.within("normal scale", normal.scale, f32::MIN, f32::MAX);
+    m.normal_map.texture = r.texture(Some(&info), ColorEncoding::Linear);
+    m.normal_map.scale = r.within("normal scale", normal.scale, f32::MIN, f32::MAX);
 }
 
 fn base(source: &Source<'_>, m: &mut Material, r: &mut Reader<'_, '_>) {
     let pbr = &source.material.pbr_metallic_roughness;
     let [red, green, blue, alpha] = pbr.base_color_factor.0;
-    m.base_color = r.color("baseColorFactor", [red, green, blue], 1.0);
-    m.alpha = r.unit("baseColorFactor (alpha)", alpha);
-    m.base_color_texture = r.texture(pbr.base_color_texture.as_ref(), ColorEncoding::Srgb);
-    m.metallic = r.unit("metallicFactor", pbr.metallic_factor.0);
-    m.roughness = r.unit("roughnessFactor", pbr.roughness_factor.0);
-    m.metallic_texture = r.channel(pbr.metallic_roughness_texture.as_ref(), 2);
-    m.roughness_texture = m.metallic_texture.map(|t| ChannelTexture { channel: 1, ..t });
+    m.base_color.factor = r.color("baseColorFactor", [red, green, blue], 1.0);
+    m.alpha.factor = r.unit("baseColorFactor (alpha)", alpha);
+    m.base_color.texture = r.texture(pbr.base_color_texture.as_ref(), ColorEncoding::Srgb);
+    m.metallic.factor = r.unit("metallicFactor", pbr.metallic_factor.0);
+    m.roughness.factor = r.unit("roughnessFactor", pbr.roughness_factor.0);
+    m.metallic.texture = r.channel(pbr.metallic_roughness_texture.as_ref(), 2);
+    m.roughness.texture = m.metallic.texture.map(|t| Texture { channel: 1, ..t });
 }
 
 fn emission(source: &Source<'_>, unit: EmissiveUnit, m: &mut Material, r: &mut Reader<'_, '_>) {
@@ -108,13 +110,13 @@ fn emission(source: &Source<'_>, unit: EmissiveUnit, m: &mut Material, r: &mut R
         EmissiveUnit::Nit => 1.0 / LUMENS_PER_WATT,
         EmissiveUnit::WattPerSteradianSquareMetre => 1.0,
     };
-    m.emission = r.color("emissiveFactor", source.material.emissive_factor.0, f32::MAX) * strength * per_unit;
-    if !m.emission.is_finite() {
+    m.emission.factor = r.color("emissiveFactor", source.material.emissive_factor.0, f32::MAX) * strength * per_unit;
+    if !m.emission.factor.is_finite() {
         r.warn("the emission exceeds the range of numbers and is left out");
-        m.emission = Rgb::BLACK;
+        m.emission.factor = Rgb::BLACK;
     }
-    if !m.emission.is_black() {
-        m.emission_texture = r.texture(source.material.emissive_texture.as_ref(), ColorEncoding::Srgb);
+    if !m.emission.factor.is_black() {
+        m.emission.texture = r.texture(source.material.emissive_texture.as_ref(), ColorEncoding::Srgb);
     }
 }
 
@@ -127,25 +129,24 @@ fn dielectric(extensions: &typed::Material, untyped: &OfMaterial, m: &mut Materi
         ior => r.within("ior", ior, 1.0, INFINITE_IOR),
     };
     if let Some(e) = &extensions.specular {
-        m.specular = r.unit("specularFactor", e.specular_factor.0);
-        m.specular_texture = r.channel(e.specular_texture.as_ref(), 3);
-        m.specular_color = r.color("specularColorFactor", e.specular_color_factor.0, f32::MAX);
-        m.specular_color_texture = r.texture(e.specular_color_texture.as_ref(), ColorEncoding::Srgb);
+        m.specular.strength.factor = r.unit("specularFactor", e.specular_factor.0);
+        m.specular.strength.texture = r.channel(e.specular_texture.as_ref(), 3);
+        m.specular.color.factor = r.color("specularColorFactor", e.specular_color_factor.0, f32::MAX);
+        m.specular.color.texture = r.texture(e.specular_color_texture.as_ref(), ColorEncoding::Srgb);
     }
     if let Some(e) = &extensions.transmission {
-        m.transmission = r.unit("transmissionFactor", e.transmission_factor.0);
-        if m.transmission > 0.0 {
-            m.transmission_texture = r.channel(e.transmission_texture.as_ref(), 0);
+        m.transmission.factor = r.unit("transmissionFactor", e.transmission_factor.0);
+        if m.transmission.factor > 0.0 {
+            m.transmission.texture = r.channel(e.transmission_texture.as_ref(), 0);
         }
     }
     if let Some(e) = &untyped.diffuse_transmission {
-        m.diffuse_transmission = r.unit("diffuseTransmissionFactor", e.diffuse_transmission_factor);
-        if m.diffuse_transmission > 0.0 {
-            m.diffuse_transmission_texture = r.channel(e.diffuse_transmission_texture.as_ref(), 3);
-            let color = e.diffuse_transmission_color_factor;
-            m.diffuse_transmission_color = r.color("diffuseTransmissionColorFactor", color, 1.0);
-            let texture = e.diffuse_transmission_color_texture.as_ref();
-            m.diffuse_transmission_color_texture = r.texture(texture, ColorEncoding::Srgb);
+        let DiffuseTransmission { share, color } = &mut m.diffuse_transmission;
+        share.factor = r.unit("diffuseTransmissionFactor", e.diffuse_transmission_factor);
+        if share.factor > 0.0 {
+            share.texture = r.channel(e.diffuse_transmission_texture.as_ref(), 3);
+            color.factor = r.color("diffuseTransmissionColorFactor", e.diffuse_transmission_color_factor, 1.0);
+            color.texture = r.texture(e.diffuse_transmission_color_texture.as_ref(), ColorEncoding::Srgb);
         }
     }
     if let Some(e) = &extensions.volume {
@@ -157,7 +158,7 @@ fn dielectric(extensions: &typed::Material, untyped: &OfMaterial, m: &mut Materi
         }
         // A channel of exactly 0 would be absorbed immediately, at any distance.
         let color = r.color("attenuationColor", e.attenuation_color.0, 1.0).map(|c| c.max(1e-6));
-        if thickness > 0.0 && (m.transmission > 0.0 || m.diffuse_transmission > 0.0) {
+        if thickness > 0.0 && (m.transmission.factor > 0.0 || m.diffuse_transmission.share.factor > 0.0) {
             let volume = Volume { attenuation_color: color, attenuation_distance: distance, ..Volume::default() };
             m.surface = Surface::Solid(scattering(untyped, volume, r));
         }
@@ -195,53 +196,31 @@ fn single_scattering_albedo(color: f32) -> f32 {
 /// Clear coat, sheen and anisotropy.
 fn layers(untyped: &OfMaterial, m: &mut Material, r: &mut Reader<'_, '_>) {
     if let Some(e) = &untyped.clearcoat {
-        m.clearcoat = r.unit("clearcoatFactor", e.clearcoat_factor);
-        m.clearcoat_roughness = r.unit("clearcoatRoughnessFactor", e.clearcoat_roughness_factor);
-        if m.clearcoat > 0.0 {
-            m.clearcoat_texture = r.channel(e.clearcoat_texture.as_ref(), 0);
-            m.clearcoat_roughness_texture = r.channel(e.clearcoat_roughness_texture.as_ref(), 1);
+        let Clearcoat { strength, roughness } = &mut m.clearcoat;
+        strength.factor = r.unit("clearcoatFactor", e.clearcoat_factor);
+        roughness.factor = r.unit("clearcoatRoughnessFactor", e.clearcoat_roughness_factor);
+        if strength.factor > 0.0 {
+            strength.texture = r.channel(e.clearcoat_texture.as_ref(), 0);
+            roughness.texture = r.channel(e.clearcoat_roughness_texture.as_ref(), 1);
             if e.clearcoat_normal_texture.is_some() {
                 r.warn("the coat's own normal map is ignored: the coat has the interpolated normals");
             }
         }
     }
     if let Some(e) = &untyped.sheen {
-        m.sheen_color = r.color("sheenColorFactor", e.sheen_color_factor, 1.0);
-        m.sheen_roughness = r.unit("sheenRoughnessFactor", e.sheen_roughness_factor);
-        if !m.sheen_color.is_black() {
-            m.sheen_color_texture = r.texture(e.sheen_color_texture.as_ref(), ColorEncoding::Srgb);
+        let Sheen { color, roughness } = &mut m.sheen;
+        color.factor = r.color("sheenColorFactor", e.sheen_color_factor, 1.0);
+        *roughness = r.unit("sheenRoughnessFactor", e.sheen_roughness_factor);
+        if !color.factor.is_black() {
+            color.texture = r.texture(e.sheen_color_texture.as_ref(), ColorEncoding::Srgb);
         }
     }
     if let Some(e) = &untyped.anisotropy {
-        m.anisotropy = r.unit("anisotropyStrength", e.anisotropy_strength);
-        m.anisotropy_rotation = r.within("anisotropyRotation", e.anisotropy_rotation, f32::MIN, f32::MAX);
-        if m.anisotropy > 0.0 {
-            m.anisotropy_texture = r.texture(e.anisotropy_texture.as_ref(), ColorEncoding::Linear);
+        let Anisotropy { strength, rotation, .. } = &mut m.anisotropy;
+        strength.factor = r.unit("anisotropyStrength", e.anisotropy_strength);
+        *rotation = r.within("anisotropyRotation", e.anisotropy_rotation, f32::MIN, f32::MAX);
+        if strength.factor > 0.0 {
+            strength.texture = r.channel(e.anisotropy_texture.as_ref(), 2);
         }
     }
-}
-
-/// All textures of a material.
-pub(super) fn textures(m: &Material) -> impl Iterator<Item = &Texture> {
-    let whole = [
-        &m.base_color_texture,
-        &m.normal_texture,
-        &m.emission_texture,
-        &m.specular_color_texture,
-        &m.sheen_color_texture,
-        &m.anisotropy_texture,
-        &m.diffuse_transmission_color_texture,
-    ];
-    let channels = [
-        &m.alpha_texture,
-        &m.metallic_texture,
-        &m.roughness_texture,
-        &m.specular_texture,
-        &m.transmission_texture,
-        &m.diffuse_transmission_texture,
-        &m.clearcoat_texture,
-        &m.clearcoat_roughness_texture,
-    ];
-    let channels = channels.into_iter().filter_map(|t| t.as_ref().map(|c| &c.texture));
-    whole.into_iter().filter_map(Option::as_ref).chain(channels)
 }

@@ -346,15 +346,15 @@ impl Importer<'_> {
     fn complete(&mut self, mesh: &mut Mesh, material: usize, place: &str) {
         let material = &self.scene.materials[material];
         let missing = |set: u8| mesh.uvs.get(usize::from(set)).is_none_or(Vec::is_empty);
-        if let Some(texture) = material::textures(material).find(|t| missing(t.uv_set)) {
+        if let Some(texture) = material.textures().find(|t| missing(t.uv_set)) {
             let message = format!("its material has a texture on TEXCOORD_{}, which is absent", texture.uv_set);
             self.warnings.push(place, message);
         }
-        let directional = material.normal_texture.or(material.anisotropy_texture);
-        if !mesh.tangents.is_empty() || (directional.is_none() && material.anisotropy == 0.0) {
+        let directional = material.normal_map.texture.or(material.anisotropy.strength.texture);
+        let is_anisotropic = material.anisotropy.strength.factor != 0.0;
+        if !mesh.tangents.is_empty() || (directional.is_none() && !is_anisotropic) {
             return;
         }
-        let is_anisotropic = material.anisotropy != 0.0;
         let set = directional.map_or(0, |t| usize::from(t.uv_set));
         let uv = mesh.uvs.get(set).map(Vec::as_slice).unwrap_or_default();
         let uv: Vec<_> = match directional {

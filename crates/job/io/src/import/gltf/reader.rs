@@ -3,7 +3,7 @@
 use super::texture::Textures;
 use crate::import::warnings::Warnings;
 use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_scene::{ChannelTexture, ColorEncoding, Texture};
+use dunkelfeld_scene::{ColorEncoding, Texture};
 use gltf::json::texture::Info;
 
 /// Reads the values of one material and limits them to their ranges, with warnings.
@@ -23,8 +23,8 @@ impl Reader<'_, '_> {
     }
 
     /// A texture whose numbers are read from one channel (0 is red).
-    pub(super) fn channel(&mut self, info: Option<&Info>, channel: u8) -> Option<ChannelTexture> {
-        Some(ChannelTexture { texture: self.texture(info, ColorEncoding::Linear)?, channel })
+    pub(super) fn channel(&mut self, info: Option<&Info>, channel: u8) -> Option<Texture> {
+        Some(Texture { channel, ..self.texture(info, ColorEncoding::Linear)? })
     }
 
     /// A factor in [0, 1].

@@ -90,6 +90,7 @@ impl<'a> Textures<'a> {
             wrap: [wrap(sampler.wrap_s), wrap(sampler.wrap_t)],
             filter: if is_nearest { Filter::Nearest } else { Filter::Linear },
             uv_set,
+            channel: 0,
             transform: transform.map_or_else(TextureTransform::default, convert_transform),
         }))
     }

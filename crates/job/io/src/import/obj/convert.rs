@@ -6,7 +6,7 @@ use super::mtl::Mtl;
 use super::textures::Textures;
 use crate::import::warnings::Warnings;
 use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_scene::{AlphaMode, ChannelTexture, Material, Texture};
+use dunkelfeld_scene::{AlphaMode, Clearcoat, Material, NormalMap, Parameter, Specular, Texture};
 
 /// Diffuse reflectance of a material without one: light grey, so that unlit corners and bright faces are both visible.
 const GREY: f32 = 0.8;
@@ -20,7 +20,12 @@ pub(super) struct Converted {
 /// The material of faces without one, or with one that no library defines.
 pub(super) fn default_material(name: &str) -> Material {
     let name = if name.is_empty() { "default" } else { name };
-    Material { name: name.to_string(), base_color: Rgb::splat(GREY), specular: 0.0, ..Material::default() }
+    Material {
+        name: name.to_string(),
+        base_color: Rgb::splat(GREY).into(),
+        specular: Specular::NONE,
+        ..Material::default()
+    }
 }
 
 /// Converts a material whose library lies in `folder` (relative to the OBJ file; empty beside it).
@@ -34,16 +39,15 @@ pub(super) fn convert(m: &Mtl, folder: &str, textures: &mut Textures<'_>, warnin
     let specular = reader.beside_map("Ks", m.specular, specular_map.is_some() && !is_pbr).unwrap_or([0.0; 3]);
     let mut out = Material {
         name: m.name.clone(),
-        base_color: rgb(diffuse),
-        base_color_texture: base_map,
+        base_color: Parameter { factor: rgb(diffuse), texture: base_map },
         ..Material::default()
     };
 
     let transmission = transmission(m);
     let transmissive = transmission.is_some();
     if let Some((share, tint)) = transmission {
-        out.transmission = share;
-        out.base_color = out.base_color.lerp(rgb(tint), share);
+        out.transmission = share.into();
+        out.base_color.factor = out.base_color.factor.lerp(rgb(tint), share);
     }
     if let Some(ior) = m.ior {
         // Many exporters write 0 or 1 for materials that never refract. Their highlights still need an interface.
@@ -56,28 +60,26 @@ pub(super) fn convert(m: &Mtl, folder: &str, textures: &mut Textures<'_>, warnin
 
     let is_mirror = !is_pbr && matches!(m.illumination, Some(3 | 8)) && largest(specular) > largest(diffuse);
     if is_mirror {
-        out.metallic = 1.0;
-        out.base_color = rgb(specular);
-        out.base_color_texture = specular_map;
+        out.metallic = 1.0.into();
+        out.base_color = Parameter { factor: rgb(specular), texture: specular_map };
     } else if is_pbr || transmissive {
         // Fresnel's equations determine the reflection. A colour for it would count twice.
-        out.specular = 1.0;
+        out.specular.strength = 1.0.into();
     } else if largest(specular) > 0.0 && !matches!(m.illumination, Some(0 | 1)) {
-        out.specular = largest(specular);
-        out.specular_color = rgb(specular) / largest(specular);
-        out.specular_color_texture = specular_map;
+        out.specular.strength = largest(specular).into();
+        out.specular.color = Parameter { factor: rgb(specular) / largest(specular), texture: specular_map };
     } else {
-        out.specular = 0.0;
+        out.specular.strength = 0.0.into();
     }
     reader.roughness(m, transmissive, &mut out);
     reader.layers(m, &mut out);
 
-    out.alpha_texture = reader.coverage(&m.maps.dissolve);
-    out.alpha = if transmissive { 1.0 } else { m.dissolve.unwrap_or(1.0) };
-    if out.alpha < 1.0 || out.alpha_texture.is_some() {
+    let alpha = if transmissive { 1.0 } else { m.dissolve.unwrap_or(1.0) };
+    out.alpha = Parameter { factor: alpha, texture: reader.coverage(&m.maps.dissolve) };
+    if alpha < 1.0 || out.alpha.texture.is_some() {
         out.alpha_mode = AlphaMode::Blend;
     }
-    if out.alpha == 0.0 {
+    if alpha == 0.0 {
         reader.warn("covers nothing (d 0 or Tr 1) and is invisible; if it should be visible, set d 1");
     }
     Converted { refracts: transmissive && out.ior != 1.0, material: out }
@@ -118,12 +120,11 @@ impl Reader<'_, '_> {
         self.textures.color(map.as_ref()?, self.folder, self.warnings)
     }
 
-    fn scalar(&mut self, map: &Option<Map>) -> Option<ChannelTexture> {
-        let texture = self.textures.numbers(map.as_ref()?, self.folder, self.warnings)?;
-        Some(ChannelTexture { texture, channel: 0 })
+    fn scalar(&mut self, map: &Option<Map>) -> Option<Texture> {
+        self.textures.numbers(map.as_ref()?, self.folder, self.warnings)
     }
 
-    fn coverage(&mut self, map: &Option<Map>) -> Option<ChannelTexture> {
+    fn coverage(&mut self, map: &Option<Map>) -> Option<Texture> {
         self.textures.coverage(map.as_ref()?, self.folder, self.warnings)
     }
 
@@ -141,54 +142,53 @@ impl Reader<'_, '_> {
 
     /// `Pr`, else from `Ns`; refraction without `Pr` is sharp, as the illumination models define it.
     fn roughness(&mut self, m: &Mtl, clear: bool, out: &mut Material) {
-        out.roughness_texture = self.scalar(&m.maps.roughness);
-        if let Some(roughness) = scalar_beside_map(m.roughness, out.roughness_texture.is_some()) {
-            out.roughness = roughness;
+        let map = self.scalar(&m.maps.roughness);
+        if m.roughness.is_some() || map.is_some() {
+            out.roughness = number(m.roughness, map, 1.0);
         } else if clear {
-            out.roughness = 0.0;
+            out.roughness = 0.0.into();
         } else {
             // A map of exponents without a factor: 1000 is the largest exponent that programs of the format use.
             let factor = m.exponent.filter(|n| *n > 0.0).unwrap_or(1000.0);
             let map = m.maps.exponent.as_ref();
-            out.roughness_texture =
-                map.and_then(|map| self.textures.exponents(map, self.folder, factor, self.warnings));
-            let exponent = m.exponent.map_or(out.roughness, roughness_of_exponent);
-            out.roughness = if out.roughness_texture.is_some() { 1.0 } else { exponent };
+            let texture = map.and_then(|map| self.textures.exponents(map, self.folder, factor, self.warnings));
+            let exponent = m.exponent.map_or(out.roughness.factor, roughness_of_exponent);
+            out.roughness = Parameter { factor: if texture.is_some() { 1.0 } else { exponent }, texture };
         }
     }
 
     /// Metal, emission, sheen, clear coat, anisotropy and relief.
     fn layers(&mut self, m: &Mtl, out: &mut Material) {
-        out.metallic_texture = self.scalar(&m.maps.metallic);
-        if let Some(metallic) = scalar_beside_map(m.metallic, out.metallic_texture.is_some()) {
-            out.metallic = metallic;
-        }
-        out.emission_texture = self.color(&m.maps.emission);
-        let emission = self.beside_map("Ke", m.emission, out.emission_texture.is_some());
-        out.emission = rgb(emission.unwrap_or([0.0; 3]));
-        out.sheen_color_texture = self.color(&m.maps.sheen);
-        out.sheen_color = Rgb::splat(scalar_beside_map(m.sheen, out.sheen_color_texture.is_some()).unwrap_or(0.0));
-        out.clearcoat_texture = self.scalar(&m.maps.clearcoat);
-        out.clearcoat = scalar_beside_map(m.clearcoat, out.clearcoat_texture.is_some()).unwrap_or(0.0);
-        out.clearcoat_roughness_texture = self.scalar(&m.maps.clearcoat_roughness);
-        out.clearcoat_roughness =
-            scalar_beside_map(m.clearcoat_roughness, out.clearcoat_roughness_texture.is_some()).unwrap_or(0.0);
-        out.anisotropy = m.anisotropy.unwrap_or(0.0);
-        out.anisotropy_rotation = std::f32::consts::TAU * m.anisotropy_rotation.unwrap_or(0.0);
+        out.metallic = number(m.metallic, self.scalar(&m.maps.metallic), out.metallic.factor);
+        let texture = self.color(&m.maps.emission);
+        let emission = self.beside_map("Ke", m.emission, texture.is_some());
+        out.emission = Parameter { factor: rgb(emission.unwrap_or([0.0; 3])), texture };
+        let sheen = number(m.sheen, self.color(&m.maps.sheen), 0.0);
+        out.sheen.color = Parameter { factor: Rgb::splat(sheen.factor), texture: sheen.texture };
+        out.clearcoat = Clearcoat {
+            strength: number(m.clearcoat, self.scalar(&m.maps.clearcoat), 0.0),
+            roughness: number(m.clearcoat_roughness, self.scalar(&m.maps.clearcoat_roughness), 0.0),
+        };
+        out.anisotropy.strength = m.anisotropy.unwrap_or(0.0).into();
+        out.anisotropy.rotation = std::f32::consts::TAU * m.anisotropy_rotation.unwrap_or(0.0);
         if let Some(map) = &m.maps.normal {
-            out.normal_texture = self.textures.numbers(map, self.folder, self.warnings);
-            out.normal_scale = map.bump;
+            let texture = self.textures.numbers(map, self.folder, self.warnings);
+            out.normal_map = NormalMap { texture, scale: map.bump };
         } else if let Some(map) = &m.maps.bump
             && let Some((texture, scale)) = self.textures.bumps(map, self.folder, self.warnings)
         {
-            out.normal_texture = Some(texture);
-            out.normal_scale = scale;
+            out.normal_map = NormalMap { texture: Some(texture), scale };
         }
     }
 }
 
-fn scalar_beside_map(factor: Option<f32>, has_map: bool) -> Option<f32> {
-    if has_map { Some(factor.filter(|v| *v > 0.0).unwrap_or(1.0)) } else { factor }
+/// A number that can have a map.
+fn number(factor: Option<f32>, texture: Option<Texture>, default: f32) -> Parameter<f32> {
+    let factor = match texture {
+        Some(_) => factor.filter(|v| *v > 0.0).unwrap_or(1.0),
+        None => factor.unwrap_or(default),
+    };
+    Parameter { factor, texture }
 }
 
 fn rgb(v: [f32; 3]) -> Rgb {

@@ -7,7 +7,7 @@ use crate::import::warnings::Warnings;
 use crate::input::Role;
 use crate::loader::AssetLoader;
 use dunkelfeld_geometry::Vec2;
-use dunkelfeld_scene::{ChannelTexture, ColorEncoding, ImageId, Texture, TextureTransform, Wrap};
+use dunkelfeld_scene::{ColorEncoding, ImageId, Texture, TextureTransform, Wrap};
 use std::collections::HashMap;
 
 /// The conversion of an image file. Factors are stored as bits, so that they can be keys.
@@ -47,10 +47,10 @@ impl<'a> Textures<'a> {
     }
 
     /// A map of coverage: alpha if the image has it, else red.
-    pub(super) fn coverage(&mut self, map: &Map, folder: &str, warnings: &mut Warnings) -> Option<ChannelTexture> {
+    pub(super) fn coverage(&mut self, map: &Map, folder: &str, warnings: &mut Warnings) -> Option<Texture> {
         let texture = self.numbers(map, folder, warnings)?;
         let has_alpha = self.store.image(texture.image).is_some_and(bake::has_alpha);
-        Some(ChannelTexture { texture, channel: if has_alpha { 3 } else { 0 } })
+        Some(Texture { channel: if has_alpha { 3 } else { 0 }, ..texture })
     }
 
     /// A normal map from a bump map, and the factor for its x and y.
@@ -69,10 +69,10 @@ impl<'a> Textures<'a> {
         folder: &str,
         factor: f32,
         warnings: &mut Warnings,
-    ) -> Option<ChannelTexture> {
+    ) -> Option<Texture> {
         let variant = Variant::RoughnessOfExponents { factor: factor.to_bits() };
         let image = self.find(map, folder, variant, warnings)?;
-        Some(ChannelTexture { texture: self.texture(map, image, false), channel: 0 })
+        Some(self.texture(map, image, false))
     }
 
     /// A texture with the map's options. The coordinates of OBJ are `scale * uv + offset` with v upwards. Ours point

@@ -34,7 +34,8 @@ fn near(a: f32, b: f64) -> bool {
 #[test]
 fn an_empty_material_has_the_defaults_of_the_format() {
     let imported = asset(json!({})).load().expect("loads");
-    let expected = Material { name: "material 0".into(), metallic: 1.0, roughness: 1.0, ..Material::default() };
+    let expected =
+        Material { name: "material 0".into(), metallic: 1.0.into(), roughness: 1.0.into(), ..Material::default() };
     assert_eq!(*only_material(&imported), expected);
 }
 
@@ -53,18 +54,18 @@ fn metallic_roughness_with_all_textures() {
     .expect("loads");
     let m = only_material(&imported);
     assert_eq!(m.name, "steel");
-    assert_eq!((m.base_color, m.alpha), (Rgb::new(0.1, 0.2, 0.3), 0.4));
-    assert_eq!((m.metallic, m.roughness, m.double_sided), (0.5, 0.25, true));
+    assert_eq!((m.base_color.factor, m.alpha.factor), (Rgb::new(0.1, 0.2, 0.3), 0.4));
+    assert_eq!((m.metallic.factor, m.roughness.factor, m.double_sided), (0.5, 0.25, true));
     assert_eq!(m.alpha_mode, AlphaMode::Mask { cutoff: 0.75 });
-    let base = m.base_color_texture.expect("texture");
-    let (metallic, roughness) = (m.metallic_texture.expect("texture"), m.roughness_texture.expect("texture"));
+    let base = m.base_color.texture.expect("texture");
+    let (metallic, roughness) = (m.metallic.texture.expect("texture"), m.roughness.texture.expect("texture"));
     assert_eq!((base.encoding, base.uv_set), (ColorEncoding::Srgb, 0));
     assert_eq!((metallic.channel, roughness.channel), (2, 1));
-    assert_eq!((metallic.texture.encoding, metallic.texture.uv_set), (ColorEncoding::Linear, 1));
-    let emission = m.emission_texture.expect("texture");
-    assert_eq!((emission.encoding, emission.image), (ColorEncoding::Srgb, metallic.texture.image));
+    assert_eq!((metallic.encoding, metallic.uv_set), (ColorEncoding::Linear, 1));
+    let emission = m.emission.texture.expect("texture");
+    assert_eq!((emission.encoding, emission.image), (ColorEncoding::Srgb, metallic.image));
     assert_eq!(imported.scene.images.len(), 2, "each image is decoded once");
-    let image = &imported.scene.images[metallic.texture.image.0 as usize];
+    let image = &imported.scene.images[metallic.image.0 as usize];
     assert_eq!((image.width, image.height), (2, 1));
     assert_eq!(*image.texels, Texels::Rgba8(vec![[0, 255, 0, 128], [0, 0, 255, 255]]));
 }
@@ -75,7 +76,7 @@ fn emission_is_in_nits_unless_set_otherwise() {
         "extensions": {"KHR_materials_emissive_strength": {"emissiveStrength": 1366.0}}}));
     let of = |emissive_unit| {
         let options = ImportOptions::default().with_emissive_unit(emissive_unit);
-        only_material(&load_bytes(&a.gltf(), "a.gltf", &options).expect("loads")).emission.to_array()
+        only_material(&load_bytes(&a.gltf(), "a.gltf", &options).expect("loads")).emission.factor.to_array()
     };
     let nit = of(EmissiveUnit::Nit);
     assert!(near(nit[0], 2.0) && near(nit[1], 1.0) && nit[2] == 0.0, "{nit:?}");
@@ -89,7 +90,7 @@ fn textures_carry_sampler_and_transform() {
     a.json["samplers"] = json!([{"magFilter": 9728, "minFilter": 9987, "wrapS": 33071, "wrapT": 33648}]);
     a.json["textures"][0]["sampler"] = json!(0);
     let imported = a.load().expect("loads");
-    let t = only_material(&imported).base_color_texture.expect("texture");
+    let t = only_material(&imported).base_color.texture.expect("texture");
     assert_eq!((t.wrap, t.filter, t.uv_set), ([Wrap::Clamp, Wrap::Mirror], Filter::Nearest, 1));
     assert_eq!((t.transform.offset, t.transform.rotation), (Vec2::new(0.1, 0.2), 0.3));
     assert_eq!(t.transform.scale, Vec2::new(2.0, 3.0));
@@ -118,7 +119,7 @@ fn textures_that_cannot_be_used_leave_the_factor_and_a_warning() {
         (2..5).for_each(|i| textures.push(json!({"source": i})));
         let imported = a.load().expect("loads");
         let m = only_material(&imported);
-        assert!(m.base_color_texture.is_none() && m.base_color == Rgb::splat(0.5));
+        assert!(m.base_color.texture.is_none() && m.base_color.factor == Rgb::splat(0.5));
         assert!(warns(&imported, &[word]), "{word}: {:?}", imported.warnings);
     }
 }
@@ -129,7 +130,7 @@ fn the_png_stands_in_for_a_ktx2_image() {
     a.json["extensionsUsed"] = json!(["KHR_texture_basisu"]);
     a.json["textures"][0]["extensions"] = json!({"KHR_texture_basisu": {"source": 1}});
     let imported = a.load().expect("loads");
-    assert!(only_material(&imported).base_color_texture.is_some());
+    assert!(only_material(&imported).base_color.texture.is_some());
     assert!(warns(&imported, &["KHR_texture_basisu"]));
     a.json["extensionsRequired"] = json!(["KHR_texture_basisu"]);
     let e = a.load().expect_err("required");
@@ -144,8 +145,8 @@ fn glass_is_solid_where_it_is_thick() {
         only_material(&a.load().expect("loads")).clone()
     };
     let thin = of(json!({"attenuationDistance": 1}));
-    assert_eq!((thin.transmission, thin.ior, thin.surface), (1.0, 1.49, Surface::Thin));
-    assert_eq!(thin.transmission_texture.map(|t| t.channel), Some(0));
+    assert_eq!((thin.transmission.factor, thin.ior, thin.surface), (1.0, 1.49, Surface::Thin));
+    assert_eq!(thin.transmission.texture.map(|t| t.channel), Some(0));
     let clear = of(json!({"thicknessFactor": 0.1}));
     assert!(matches!(clear.surface, Surface::Solid(v) if v.attenuation_distance == f32::INFINITY));
     let solid = of(json!({"thicknessFactor": 0.1, "attenuationDistance": 0.5, "attenuationColor": [1, 0.5, 0]}));
@@ -167,10 +168,10 @@ fn light_passes_diffusely_through_sheets_and_into_solids() {
         only_material(&asset(json!({"extensions": extensions})).load().expect("loads")).clone()
     };
     let sheet = of(json!({}));
-    assert_eq!((sheet.diffuse_transmission, sheet.surface), (0.25, Surface::Thin));
-    assert_eq!(sheet.diffuse_transmission_color, Rgb::new(1.0, 0.9, 0.5));
-    assert_eq!(sheet.diffuse_transmission_texture.map(|t| t.channel), Some(3));
-    assert_eq!(sheet.diffuse_transmission_color_texture.map(|t| t.encoding), Some(ColorEncoding::Srgb));
+    assert_eq!((sheet.diffuse_transmission.share.factor, sheet.surface), (0.25, Surface::Thin));
+    assert_eq!(sheet.diffuse_transmission.color.factor, Rgb::new(1.0, 0.9, 0.5));
+    assert_eq!(sheet.diffuse_transmission.share.texture.map(|t| t.channel), Some(3));
+    assert_eq!(sheet.diffuse_transmission.color.texture.map(|t| t.encoding), Some(ColorEncoding::Srgb));
     assert!(matches!(of(json!({"KHR_materials_volume": {"thicknessFactor": 1}})).surface, Surface::Solid(_)));
 }
 
@@ -215,15 +216,15 @@ fn layers_and_dielectric_extensions() {
     .load()
     .expect("loads");
     let m = only_material(&imported);
-    assert_eq!((m.specular, m.specular_texture.map(|t| t.channel)), (0.5, Some(3)));
-    assert_eq!(m.specular_color, Rgb::new(2.0, 1.0, 0.0));
-    assert_eq!(m.specular_color_texture.map(|t| t.encoding), Some(ColorEncoding::Srgb));
-    assert_eq!((m.clearcoat, m.clearcoat_texture.map(|t| t.channel)), (0.6, Some(0)));
-    assert_eq!((m.clearcoat_roughness, m.clearcoat_roughness_texture.map(|t| t.channel)), (0.7, Some(1)));
-    assert_eq!((m.sheen_color, m.sheen_roughness), (Rgb::new(0.1, 0.2, 0.3), 0.8));
-    assert_eq!(m.sheen_color_texture.map(|t| t.encoding), Some(ColorEncoding::Srgb));
-    assert_eq!((m.anisotropy, m.anisotropy_rotation, m.unlit), (0.9, 1.5, true));
-    assert_eq!(m.anisotropy_texture.map(|t| t.encoding), Some(ColorEncoding::Linear));
+    assert_eq!((m.specular.strength.factor, m.specular.strength.texture.map(|t| t.channel)), (0.5, Some(3)));
+    assert_eq!(m.specular.color.factor, Rgb::new(2.0, 1.0, 0.0));
+    assert_eq!(m.specular.color.texture.map(|t| t.encoding), Some(ColorEncoding::Srgb));
+    assert_eq!((m.clearcoat.strength.factor, m.clearcoat.strength.texture.map(|t| t.channel)), (0.6, Some(0)));
+    assert_eq!((m.clearcoat.roughness.factor, m.clearcoat.roughness.texture.map(|t| t.channel)), (0.7, Some(1)));
+    assert_eq!((m.sheen.color.factor, m.sheen.roughness), (Rgb::new(0.1, 0.2, 0.3), 0.8));
+    assert_eq!(m.sheen.color.texture.map(|t| t.encoding), Some(ColorEncoding::Srgb));
+    assert_eq!((m.anisotropy.strength.factor, m.anisotropy.rotation, m.unlit), (0.9, 1.5, true));
+    assert_eq!(m.anisotropy.strength.texture.map(|t| t.encoding), Some(ColorEncoding::Linear));
     assert_eq!(imported.scene.meshes[0].mesh.tangents.len(), 6, "anisotropy needs tangents");
     let said: Vec<&str> = imported.warnings.iter().map(|w| w.message.as_str()).collect();
     assert_eq!(said, ["it has no TANGENT; its anisotropy takes its direction from TEXCOORD_0"]);
@@ -237,7 +238,10 @@ fn factors_out_of_range_are_clamped_with_a_warning() {
     .load()
     .expect("loads");
     let m = only_material(&imported);
-    assert_eq!((m.base_color, m.alpha, m.roughness, m.ior), (Rgb::new(1.0, 0.0, 0.0), 1.0, 0.0, 1.0));
+    assert_eq!(
+        (m.base_color.factor, m.alpha.factor, m.roughness.factor, m.ior),
+        (Rgb::new(1.0, 0.0, 0.0), 1.0, 0.0, 1.0)
+    );
     for word in ["baseColorFactor 2", "baseColorFactor -1", "roughnessFactor", "ior", "alpha mode"] {
         assert!(warns(&imported, &[word]), "{word}: {:?}", imported.warnings);
     }

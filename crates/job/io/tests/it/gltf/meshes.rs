@@ -271,7 +271,7 @@ fn tangents_follow_u_and_the_bitangent_points_up_the_image() {
         let mesh = only_mesh(&imported);
         assert_eq!(mesh.tangents, [expected; 4], "mirrored: {mirrored}");
         assert_eq!(mesh.positions.len(), 4, "corners that agree share their vertex");
-        assert_eq!(imported.scene.materials[0].normal_scale, 0.5);
+        assert_eq!(imported.scene.materials[0].normal_map.scale, 0.5);
     }
 }
 
