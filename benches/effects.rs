@@ -142,7 +142,6 @@ fn measure(options: &Options) -> Result<bool, String> {
         };
         let against = without.as_ref().unwrap_or(&plain);
         let row = Row {
-            how: case.use_in_words().into(),
             instructions: found.instructions,
             against: against.instructions,
             same_image: found.image == against.image,

@@ -43,51 +43,6 @@ impl Case {
         }
     }
 
-    /// How the effect is put in use, in words.
-    pub(crate) fn use_in_words(self) -> &'static str {
-        let effect = match self {
-            Self::Plain => return "the scene as it is",
-            Self::Effect(effect) | Self::Without(effect) => effect,
-        };
-        match effect {
-            Effect::Textures => "a white texel on every material",
-            Effect::VertexColors => "white on every vertex",
-            Effect::NormalMaps => "a flat texel on every material",
-            Effect::SmoothNormals => "every vertex has the normal of its face",
-            Effect::Coverage => "a coverage of one, from a texture, on every material",
-            Effect::ThinSheets => "the matt surfaces pass a millionth",
-            Effect::DiffuseTransmission => "the matt surfaces pass a millionth, diffusely",
-            Effect::SmoothRefraction => "an invisible clear box inside a closed one",
-            Effect::RoughRefraction => "the same, rough",
-            Effect::Nesting => "the same, two that overlap",
-            Effect::Absorption => "the same, absorbing",
-            Effect::Scattering => "the same, scattering",
-            Effect::Anisotropy => "a millionth on every material",
-            Effect::Finish => "heights of a picometre on every material",
-            Effect::Sheen => "a millionth on every material",
-            Effect::Clearcoat => "a millionth on every material",
-            Effect::EnergyCompensation => "on, which changes the image a little",
-            Effect::FiniteAperture => "a radius of a micrometre",
-            Effect::Distortion => "a coefficient of 1e-9",
-            Effect::LensBlur => "samples are spread, and keep their places",
-            Effect::Motion => "a box in the middle moves by a nanometre",
-            Effect::LineScan => "a scan at rest: all rows show the middle of the film",
-            Effect::Environment => "a sky of negligible radiance: one more light to sample",
-            Effect::PunctualLights => "a point light of negligible power: one more light to sample",
-            Effect::LightProfiles => "the same with a profile: one more light to sample",
-            Effect::EmissionProfiles => "the panels have an exponent of a millionth",
-            Effect::ManyLights => {
-                "the three panels are cut into 75: a tree selects one; the plain scene samples all three"
-            }
-            Effect::Color => "the grey of the matt surfaces is a trace of yellow",
-            Effect::CoverConnection => {
-                "an invisible clear plate inside a closed box, over the same scene without the technique"
-            }
-            Effect::EveryLight => "all three panels are sampled, over one at a time",
-            Effect::LearnedRoulette => "survival by 8192 training paths, over survival by the throughput",
-        }
-    }
-
     /// Builds the scene.
     pub(crate) fn scene(self) -> Result<Scene, String> {
         let mut builder = plain();

@@ -12,8 +12,6 @@ pub(crate) const END: &str = "<!-- end of prices -->";
 pub(crate) struct Row {
     /// The effects in use.
     pub(crate) name: String,
-    /// How it was put in use.
-    pub(crate) how: String,
     /// Instructions per sample.
     pub(crate) instructions: f64,
     /// Its baseline: instructions per sample.
@@ -31,18 +29,11 @@ impl Row {
 
 /// A table of rows.
 pub(crate) fn markdown(rows: &[Row]) -> String {
-    let mut text = String::from("| effect | how it was put in use | instructions per sample | price | same image |\n");
-    text += "|---|---|---:|---:|---|\n";
+    let mut text = String::from("| effect | instructions per sample | price | same image |\n");
+    text += "|---|---:|---:|---|\n";
     for row in rows {
         let same = if row.same_image { "to the last bit" } else { "up to noise" };
-        let _ = writeln!(
-            text,
-            "| `{}` | {} | {:.0} | {:+.1} % | {same} |",
-            row.name,
-            row.how,
-            row.instructions,
-            row.percent()
-        );
+        let _ = writeln!(text, "| `{}` | {:.0} | {:+.1} % | {same} |", row.name, row.instructions, row.percent());
     }
     text
 }

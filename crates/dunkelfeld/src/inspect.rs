@@ -342,7 +342,7 @@ fn describe(m: &dunkelfeld_scene::Material) -> String {
         words.push(format!("roughness {:.3}{}", m.roughness.factor, textured(m.roughness.texture.is_some())));
     }
     match m.alpha_mode {
-        AlphaMode::Opaque => {}
+        AlphaMode::Opaque | AlphaMode::FrontOnly => {}
         AlphaMode::Mask { cutoff } => words.push(format!("cut out at {cutoff}")),
         AlphaMode::Blend => words.push(format!("coverage {}", m.alpha.factor)),
     }

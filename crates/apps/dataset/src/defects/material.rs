@@ -15,7 +15,7 @@ pub(super) fn of(scene: &SceneBuilder, part: usize) -> Option<&Material> {
 /// True if a constant coverage of zero makes the surface absent.
 pub(super) fn is_absent(m: &Material) -> bool {
     match m.alpha_mode {
-        AlphaMode::Opaque => false,
+        AlphaMode::Opaque | AlphaMode::FrontOnly => false,
         AlphaMode::Mask { cutoff } => m.alpha.factor < cutoff,
         AlphaMode::Blend => m.alpha.factor <= 0.0,
     }

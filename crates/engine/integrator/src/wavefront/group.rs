@@ -113,10 +113,7 @@ impl<'a> Wavefront<'a> {
             let wo = -from;
             let medium = if in_medium { self.ray_state(rays[0] as usize).medium(scene) } else { None };
             let bsdfs = match in_medium {
-                true => {
-                    let phase = medium.map_or(Bsdf::Absorber, |medium| Bsdf::Phase(medium.phase));
-                    Bsdfs::Same(storage[0].insert(phase))
-                }
+                true => Bsdfs::Same(storage[0].insert(medium.map_or(Bsdf::Absorber, |m| Bsdf::Phase(m.phase)))),
                 false => scene.bsdfs(material, &points, (&arrived.u_kind, &arrived.eta), storage),
             };
             let mut state = self.states(token, &paths, points.distance, is_arrived);

@@ -84,7 +84,7 @@ fn simplify(m: &mut Material, effect: Effect) {
     let stated = |v: Volume| Volume { attenuation_distance: f32::INFINITY, scattering_albedo: Rgb::BLACK, ..v };
     match effect {
         Effect::NormalMaps => m.normal_map.texture = None,
-        Effect::Coverage => (m.alpha_mode, m.is_back_invisible) = (AlphaMode::Opaque, false),
+        Effect::Coverage => m.alpha_mode = AlphaMode::Opaque,
         Effect::EmissionProfiles => {
             m.emission.factor *= m.emission_profile.exitance() as f32;
             m.emission_profile = EmissionProfile::Lambertian;

@@ -258,7 +258,7 @@ impl Effects {
         let required = [
             (Effect::Textures, is_textured),
             (Effect::NormalMaps, has_normal_map),
-            (Effect::Coverage, m.alpha_mode != AlphaMode::Opaque || m.is_back_invisible),
+            (Effect::Coverage, m.alpha_mode != AlphaMode::Opaque),
             (Effect::ThinSheets, bends && medium.is_none()),
             (Effect::DiffuseTransmission, m.diffuse_transmission.share.factor > 0.0),
             (Effect::SmoothRefraction, bends && medium.is_some() && m.is_smooth()),

@@ -40,6 +40,8 @@ pub enum AlphaMode {
     },
     /// Alpha is the probability that light meets the surface: stochastic coverage.
     Blend,
+    /// Alpha is ignored: the surface covers rays that meet its front, and is absent for those from behind.
+    FrontOnly,
 }
 
 /// Content of a solid: a homogeneous medium that absorbs and scatters.
@@ -199,9 +201,6 @@ pub struct Material {
     pub emission_profile: EmissionProfile,
     /// True if the surface emits on both sides. (It always scatters on both.)
     pub double_sided: bool,
-    /// True if rays that come from behind pass the surface as if it were absent. A lamp in front of a camera is then
-    /// invisible to it, like the image of a lamp in a beam splitter.
-    pub is_back_invisible: bool,
     /// No scattering: the base colour is emitted as radiance (KHR_materials_unlit).
     pub unlit: bool,
     /// Index of refraction; inside another solid the ratio of both indices is used.
@@ -290,7 +289,6 @@ impl Default for Material {
             emission: Rgb::BLACK.into(),
             emission_profile: EmissionProfile::Lambertian,
             double_sided: false,
-            is_back_invisible: false,
             unlit: false,
             ior: 1.5,
             specular: Specular::default(),

@@ -121,11 +121,7 @@ impl CompiledMaterial {
             Surface::Solid(v) if is_solid => Medium::new(v).absorption,
             _ => Rgb::BLACK,
         };
-        let has_coverage = m.is_back_invisible
-            || match m.alpha_mode {
-                AlphaMode::Opaque => false,
-                AlphaMode::Mask { .. } | AlphaMode::Blend => true,
-            };
+        let has_coverage = m.alpha_mode != AlphaMode::Opaque;
         let has_profile = m.emission_profile != EmissionProfile::Lambertian;
         let others = [m.alpha.texture, m.emission.texture, m.normal_map.texture];
         let varies = is_painted || m.textures().count() > others.iter().flatten().count();
@@ -149,7 +145,7 @@ impl CompiledMaterial {
             is_mixture,
             both_sides: transmits || diffuses,
             has_coverage,
-            is_back_invisible: m.is_back_invisible,
+            is_back_invisible: m.alpha_mode == AlphaMode::FrontOnly,
             constant_coverage,
             varies,
             needs_tangent,
@@ -207,7 +203,7 @@ pub(crate) fn coverage(m: &Material, images: &[Image], at: &TexturePoint) -> f32
         alpha *= at.eval(t, images)[3];
     }
     match m.alpha_mode {
-        AlphaMode::Opaque => 1.0,
+        AlphaMode::Opaque | AlphaMode::FrontOnly => 1.0,
         AlphaMode::Mask { cutoff } => f32::from(u8::from(alpha >= cutoff)),
         AlphaMode::Blend => alpha.clamp(0.0, 1.0),
     }

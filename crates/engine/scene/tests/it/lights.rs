@@ -9,7 +9,7 @@ use dunkelfeld_sampling::Sampler;
 use dunkelfeld_scene::lamps::area;
 use dunkelfeld_scene::shapes::{cuboid, rectangle, sphere};
 use dunkelfeld_scene::{
-    EmissionProfile, Environment, EnvironmentSource, LampShape, Leds, LightChoice, LightSamples, Material,
+    AlphaMode, EmissionProfile, Environment, EnvironmentSource, LampShape, Leds, LightChoice, LightSamples, Material,
     PunctualKind, PunctualLight, Receivers, Scene, SceneBuilder, Specular,
 };
 use dunkelfeld_testkit::{DensityTest, SampleMoments, direction_to_square, square_to_direction, welch_test};
@@ -314,7 +314,7 @@ fn a_sample_prefers_leds_that_shine_toward_the_receiver() {
 #[test]
 fn an_invisible_back() {
     let mut b = SceneBuilder::default();
-    let m = b.add_material(Material { is_back_invisible: true, ..emitter(2.0) });
+    let m = b.add_material(Material { alpha_mode: AlphaMode::FrontOnly, ..emitter(2.0) });
     b.add_object("lamp", panel(Vec3::Z, Vec3::X, Vec3::Y), m);
     let floor = b.add_material(Material::default());
     b.add_object("floor", panel(Vec3::ZERO, Vec3::X, Vec3::Y), floor);

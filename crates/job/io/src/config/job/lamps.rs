@@ -8,7 +8,7 @@ use dunkelfeld_geometry::{DAffine3, DMat3, DQuat, DVec3, Mesh};
 use dunkelfeld_radiometry::{Nanometres, Number, Rgb};
 use dunkelfeld_scene::lamps::{LampMeshes, area, irradiance_on_axis};
 use dunkelfeld_scene::{
-    Camera, EmissionProfile, Environment, EnvironmentSource, Instance, LampShape, Leds, Material, MeshPart,
+    AlphaMode, Camera, EmissionProfile, Environment, EnvironmentSource, Instance, LampShape, Leds, Material, MeshPart,
     PunctualKind, PunctualLight, SceneBuilder, Specular,
 };
 use dunkelfeld_sensor::Bands;
@@ -436,7 +436,7 @@ impl MeshLamp {
             roughness: 1.0.into(),
             emission: self.emission.into(),
             emission_profile: self.profile,
-            is_back_invisible: !self.has_body,
+            alpha_mode: if self.has_body { AlphaMode::Opaque } else { AlphaMode::FrontOnly },
             ..Material::default()
         });
         let mesh = self.meshes.emitter.clone().into();

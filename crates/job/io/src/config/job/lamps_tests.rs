@@ -2,6 +2,7 @@
 
 use super::*;
 use dunkelfeld_geometry::Vec3;
+use dunkelfeld_scene::AlphaMode;
 use dunkelfeld_scene::shapes::cuboid;
 
 /// An environment.
@@ -153,7 +154,7 @@ fn a_coaxial_lamp_is_invisible_from_behind_and_halves_the_light_of_the_camera() 
     let text = "[[light]]\nkind = \"coaxial\"\nwidth = \"60mm\"\ndistance = \"100mm\"\nradiance = 10\n";
     let scene = lit(text);
     let lamp = &scene.materials[scene.meshes[1].material];
-    assert!(lamp.is_back_invisible && (lamp.emission.factor.g - 5.0).abs() < 1e-6);
+    assert!(lamp.alpha_mode == AlphaMode::FrontOnly && (lamp.emission.factor.g - 5.0).abs() < 1e-6);
     let job = job(text).expect("a job");
     assert!((job.splitter_transmission("above", Some("above")) - 0.5).abs() < 1e-12);
     assert_eq!(job.splitter_transmission("side", Some("above")), 1.0);
