@@ -1,5 +1,6 @@
 //! The tests of the engine through its facade, in one program: `cargo test -p dunkelfeld --test it MODULE::NAME`.
 
+mod captures;
 mod checkpoints;
 mod covers;
 mod denoising;

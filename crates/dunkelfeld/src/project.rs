@@ -1,5 +1,6 @@
 //! A scene or job file with its settings: it can be opened, adjusted, rendered and saved.
 
+mod captures;
 mod findings;
 mod open;
 mod overrides;

@@ -58,6 +58,9 @@ pub struct RunStats {
     pub size: [u32; 2],
     /// Name of the camera; `None` for a merge, whose parts do not contain it.
     pub camera: Option<String>,
+    /// Name of the capture; `None` for the image of all lights.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub capture: Option<String>,
     /// Seed of the render.
     pub seed: u64,
     /// Frame number.
@@ -316,6 +319,7 @@ impl Stats {
         let samples = totals.samples;
         let run = RunStats {
             size: [film.width(), film.height()],
+            capture: None,
             camera: settings.run.view.as_ref().map(|view| view.name.clone()).or(settings.camera.clone()),
             seed: settings.seed,
             frame: settings.frame,

@@ -14,7 +14,7 @@ use crate::names::ObjectNames;
 use crate::pinhole::{Pinhole, image_box};
 use crate::placement::Placement;
 use crate::pose::{poses, shape};
-use crate::record::{CertificateRecord, Cost, FileRecord, InstanceRecord, PlaceRecord, Record};
+use crate::record::{CaptureRecord, Cost, FileRecord, InstanceRecord, PlaceRecord, Record};
 use crate::set::Set;
 use crate::study::{DrawnJob, LinearFormat, MAX_COUNT, Study};
 use crate::surface_path::Surfaces;
@@ -120,6 +120,13 @@ impl SceneParts {
     }
 }
 
+/// The pictures of an image, and their records: that of the first, and those of captures by name.
+struct Images {
+    record: CaptureRecord,
+    captures: BTreeMap<String, CaptureRecord>,
+    files: Files,
+}
+
 /// The labels of an image.
 struct Labelled {
     camera: Camera,
@@ -223,10 +230,21 @@ impl Worker {
         let (job, parts) = self.enter(index)?;
         let change = began.elapsed().as_secs_f64();
         self.choose_settings(seconds);
-        let result = self.project.render_with(&Silent, cancel).map_err(|e| in_study(&self.study, e, index))?;
-        if result.rendering.interrupted {
-            return Ok(None);
-        }
+        let (mut first, mut captures, mut files) = (None, BTreeMap::new(), Vec::new());
+        let each = &mut |capture: Option<&str>, result: ProjectResult| {
+            let name = capture.map_or_else(|| format!("{index:06}"), |capture| format!("{index:06}-{capture}"));
+            encode::images(&mut files, &name, &self.study.images, &result.frame)?;
+            let pixels = f64::from(result.settings().width) * f64::from(result.settings().height);
+            let record = CaptureRecord::new(&result.frame, pixels);
+            if let Some(capture) = capture {
+                captures.insert(capture.to_owned(), record.clone());
+            }
+            first.get_or_insert((result, record));
+            Ok(())
+        };
+        let rendered = self.project.render_captures(&Silent, cancel, each);
+        rendered.map_err(|e| in_study(&self.study, e, index))?;
+        let Some((result, record)) = first.filter(|(result, _)| !result.rendering.interrupted) else { return Ok(None) };
         // The sum of no stage is a positive zero.
         let stage = |all: &[Stage]| -> f64 {
             let seconds = result.rendering.stages.iter().filter(|(stage, _)| all.contains(stage)).map(|(_, s)| s);
@@ -237,7 +255,8 @@ impl Worker {
         let expose = began.elapsed().as_secs_f64() - change - render - plan;
         let labelled = self.label(index, &parts, &result)?;
         let label = began.elapsed().as_secs_f64() - change - render - plan - expose;
-        let (record, files) = self.encode(index, job, &parts, &result, labelled)?;
+        let images = Images { record, captures, files };
+        let (record, files) = self.encode(index, job, &parts, (&result, images), labelled)?;
         let total = began.elapsed().as_secs_f64();
         let write = total - change - render - plan - expose - label;
         Ok(Some(Made { record, files, cost: Cost { change, render, plan, expose, label, write, total } }))
@@ -335,15 +354,14 @@ impl Worker {
         index: u64,
         job: DrawnJob,
         parts: &SceneParts,
-        result: &ProjectResult,
+        (result, images): (&ProjectResult, Images),
         labelled: Labelled,
     ) -> Result<(Record, Files), Error> {
+        let Images { record: CaptureRecord { exposure, certificate, matched }, captures, mut files } = images;
         let Labelled { camera, objects, planes, mut instances, points } = labelled;
         let (study, wanted) = (&self.study, &self.study.labels);
         let size @ [width, height] = [result.settings().width, result.settings().height];
-        let mut files = Vec::new();
         let name = format!("{index:06}");
-        encode::images(&mut files, &name, &study.images, &result.frame)?;
         let categories: BTreeMap<u16, u16> = instances.iter().map(|i| (i.id, i.category)).collect();
         encode::labels(&mut files, &name, wanted, &planes, &categories)?;
         let mut annotations: Vec<Annotation> =
@@ -363,13 +381,6 @@ impl Worker {
         };
         files.push((format!("labels/{name}.json"), encode::json(&labels)));
         files.extend(yolo.map(|yolo| (format!("labels/{name}.txt"), yolo.into_bytes())));
-        let exposed = result.frame.sensor.as_ref();
-        let certificate = exposed.and_then(|s| s.certified.as_ref()).map(|certified| {
-            let c = &certified.certificate;
-            let finite = |v: f64| v.is_finite().then_some(v);
-            let saturated = c.saturated as f64 / (f64::from(width) * f64::from(height));
-            CertificateRecord { k: c.k, hidden: c.hidden, median: finite(c.median), p99: finite(c.p99), saturated }
-        });
         let record = Record {
             index,
             study: study.hash().to_owned(),
@@ -378,10 +389,11 @@ impl Worker {
             frame: job.frame,
             width,
             height,
-            exposure: exposed.map(|s| s.exposure.time().0),
+            exposure,
             samples: result.stats.sampling.samples,
             certificate,
-            matched: exposed.and_then(|s| s.matched.as_ref()).map(|m| m.share),
+            matched,
+            captures,
             instances,
             files: files.iter().map(|(name, content)| (name.clone(), FileRecord::of(content))).collect(),
         };

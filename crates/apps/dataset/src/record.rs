@@ -1,5 +1,6 @@
 //! The record of an image: everything that was drawn, what the image shows, and the hashes of its files.
 
+use dunkelfeld::Frame;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use twox_hash::XxHash3_128;
@@ -33,6 +34,9 @@ pub struct Record {
     pub certificate: Option<CertificateRecord>,
     /// Share of the pixels for which noise-matched exposure holds; `None` with plain noise.
     pub matched: Option<f64>,
+    /// The captures by name; empty for one image. Exposure, certificate and labels above are those of the first.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub captures: BTreeMap<String, CaptureRecord>,
     /// The labelled instances with a part in the film, by id.
     pub instances: Vec<InstanceRecord>,
     /// The files of the image, relative to the folder of the set.
@@ -53,6 +57,34 @@ pub struct CertificateRecord {
     pub p99: Option<f64>,
     /// Share of the pixels that are saturated.
     pub saturated: f64,
+}
+
+/// A capture of an image.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CaptureRecord {
+    /// Exposure time \[s\]; `None` without a sensor.
+    pub exposure: Option<f64>,
+    /// The certificate; `None` without a sensor.
+    pub certificate: Option<CertificateRecord>,
+    /// Share of the pixels for which noise-matched exposure holds; `None` with plain noise.
+    pub matched: Option<f64>,
+}
+
+impl CaptureRecord {
+    pub(crate) fn new(frame: &Frame, pixels: f64) -> Self {
+        let sensor = frame.sensor.as_ref();
+        let certificate = sensor.and_then(|s| s.certified.as_ref()).map(|certified| {
+            let c = &certified.certificate;
+            let finite = |v: f64| v.is_finite().then_some(v);
+            let saturated = c.saturated as f64 / pixels;
+            CertificateRecord { k: c.k, hidden: c.hidden, median: finite(c.median), p99: finite(c.p99), saturated }
+        });
+        Self {
+            exposure: sensor.map(|s| s.exposure.time().0),
+            certificate,
+            matched: sensor.and_then(|s| s.matched.as_ref()).map(|m| m.share),
+        }
+    }
 }
 
 /// A labelled instance in an image.

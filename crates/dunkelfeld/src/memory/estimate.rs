@@ -149,7 +149,9 @@ pub(crate) fn render_account(required_samples: RenderNeeds<'_>) -> (u64, MemoryA
         Film::expected_bytes(width, height, settings.film_layers(), settings.is_blurred(), settings.expected_spp());
     // One for each group of lights, and one for the lights of no group.
     let groups = settings.run.light_groups.len() as u64;
-    let of_groups = film.saturating_mul(groups + groups.min(1));
+    // A capture has its own while it is planned for or exposed.
+    let of_capture = u64::from(!settings.run.captures.is_empty());
+    let of_groups = film.saturating_mul(groups + groups.min(1) + of_capture);
     account.add("film", &always(film));
     account.add("films of lights", &always(of_groups));
     account.add("planes", &always(planes(per_pixel::KEPT)));

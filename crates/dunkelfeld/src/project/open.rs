@@ -343,7 +343,12 @@ pub(crate) fn sensor_of(
 
 /// The exposure time of a job; `None` is the automatic one.
 pub(crate) fn exposure_of(sensor: &job::SensorSettings) -> Result<Option<Exposure>, Error> {
-    match sensor.exposure {
+    seconds_of(sensor.exposure)
+}
+
+/// The exposure of a key; `None` for automatic exposure.
+pub(super) fn seconds_of(exposure: job::Exposure) -> Result<Option<Exposure>, Error> {
+    match exposure {
         job::Exposure::Auto => Ok(None),
         job::Exposure::Seconds(s) => Ok(Some(Exposure::new(Seconds(s))?)),
     }

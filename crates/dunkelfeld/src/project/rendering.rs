@@ -5,12 +5,12 @@ use crate::denoising::{denoise_frame, find_denoiser};
 use crate::frame::{Frame, develop_film};
 use crate::memory::{KeptFilms, MemoryStats};
 use crate::outputs::{OutputPaths, Written};
-use crate::stats::Stats;
-use dunkelfeld_denoise::{Builtin, Denoiser as _};
+use crate::stats::{DenoiseStats, Stats};
+use dunkelfeld_denoise::{Builtin, Denoiser};
 use dunkelfeld_film::Film;
 use dunkelfeld_render::{
-    Cancel, DenoiseMethod, Error, Progress, RenderSettings, RenderedFilm, Rendering, Session, Silent, Stage, camera,
-    render, render_with_dry_run,
+    Cancel, Capture, DenoiseMethod, Error, Progress, RenderSettings, RenderedFilm, Rendering, Session, Silent, Stage,
+    camera, render, render_with_dry_run,
 };
 use std::time::Instant;
 
@@ -96,12 +96,55 @@ impl Project {
         Ok((rendering, settings, is_vignetted))
     }
 
+    /// [`Self::render_with`] of all captures of the job from one render: calls `each` with the name and the result of each. A job
+    /// without captures has one image, without a name.
+    ///
+    /// # Errors
+    /// As [`Self::render_with`], those of `each`, and a capture that names no light of the scene.
+    pub fn render_captures(
+        &self,
+        progress: &dyn Progress,
+        cancel: &Cancel,
+        each: &mut dyn FnMut(Option<&str>, ProjectResult) -> Result<(), Error>,
+    ) -> Result<(), Error> {
+        self.render_each(None, !self.job.captures.is_empty(), (progress, cancel), each)
+    }
+
+    /// [`Self::render_captures`] as a command that writes files, as [`Self::render_to_files`]: those of a capture have its name
+    /// ([`OutputPaths::for_camera`]).
+    ///
+    /// # Errors
+    /// As [`Self::render_to_files`] and [`Self::render_captures`].
+    pub fn render_captures_to_files(
+        &self,
+        progress: &dyn Progress,
+        cancel: &Cancel,
+        each: &mut dyn FnMut(Option<&str>, ProjectResult) -> Result<(), Error>,
+    ) -> Result<(), Error> {
+        self.render_each(Some(&self.outputs), !self.job.captures.is_empty(), (progress, cancel), each)
+    }
+
     fn render_for(
         &self,
         outputs: Option<&OutputPaths>,
         progress: &dyn Progress,
         cancel: &Cancel,
     ) -> Result<ProjectResult, Error> {
+        let mut only = None;
+        self.render_each(outputs, false, (progress, cancel), &mut |_, result| {
+            only = Some(result);
+            Ok(())
+        })?;
+        only.ok_or_else(|| Error::setting("capture", "there is no image", "render one"))
+    }
+
+    fn render_each(
+        &self,
+        outputs: Option<&OutputPaths>,
+        is_captured: bool,
+        (progress, cancel): (&dyn Progress, &Cancel),
+        each: &mut dyn FnMut(Option<&str>, ProjectResult) -> Result<(), Error>,
+    ) -> Result<(), Error> {
         let mut quiet = Session::new(self.settings.run.threads)?;
         let command = self.command.filter(|_| outputs.is_some());
         if let Some(CommandClock { started, .. }) = command {
@@ -110,59 +153,96 @@ impl Project {
         let session = quiet.clone().with_progress(progress).with_cancel(cancel);
         let mut inputs = self.inputs.clone();
         inputs.add_library(self.settings.denoise.oidn.as_deref());
-        if let Some(outputs) = outputs {
-            let checkpoint = self.settings.run.checkpoint.as_ref().map(|keep| keep.path.as_path());
+        let mut settings = needed_layers(self.fitted()?, outputs);
+        if is_captured {
+            settings = self.captured(settings)?;
+        }
+        let captures = std::mem::take(&mut settings.run.captures);
+        // The settings and files of each image.
+        let mut images = vec![(None, settings.clone(), outputs.cloned())];
+        if is_captured {
+            let image = |capture: &Capture| {
+                let outputs = outputs.map(|outputs| outputs.for_camera(&capture.name));
+                (Some(capture.clone()), settings.of_capture(capture), outputs)
+            };
+            images = captures.iter().map(image).collect();
+        }
+        let checkpoint = self.settings.run.checkpoint.as_ref().map(|keep| keep.path.as_path());
+        for outputs in images.iter().filter_map(|(.., outputs)| outputs.as_ref()) {
             outputs.check_beside(self.settings.has_sensor(), checkpoint, &inputs)?;
         }
-        let mut settings = needed_layers(self.fitted()?, outputs);
+        settings.run.captures = captures;
         let denoiser = find_denoiser(&settings.denoise)?;
         if denoiser.as_ref().is_some_and(|d| d.name() == Builtin.name()) {
             // The time reserved for it is less.
             settings.denoise.method = DenoiseMethod::Builtin;
+            images.iter_mut().for_each(|(_, settings, _)| settings.denoise.method = DenoiseMethod::Builtin);
         }
         let account = self.checked_account_for(&settings, outputs, KeptFilms::default())?;
-        let denoise = |frame: &mut Frame, film: &Film, session: &Session<'_>| match &denoiser {
-            Some(denoiser) => denoise_frame(frame, film, &**denoiser, &settings, session).map(Some),
-            None => Ok(None),
-        };
         let is_vignetted = camera(&self.scene, &settings)?.has_vignetting();
         let silent = quiet.clone().with_cancel(cancel);
         let dry_run = |film: &RenderedFilm| {
-            let mut frame = develop_film(film, &settings)?;
-            denoise(&mut frame, &film.sums, &silent)?;
-            match outputs {
-                Some(outputs) => Written { film, frame: &frame, settings: &settings, is_vignetted }.try_out(outputs),
-                None => Ok(()),
-            }
+            images.iter().try_for_each(|(capture, settings, outputs)| {
+                let captured = capture.as_ref().map(|capture| film.of_capture(capture)).transpose()?;
+                let film = captured.as_ref().unwrap_or(film);
+                let mut frame = develop_film(film, settings)?;
+                denoised(denoiser.as_deref(), &mut frame, &film.sums, settings, &silent)?;
+                match outputs {
+                    Some(outputs) => Written { film, frame: &frame, settings, is_vignetted }.try_out(outputs),
+                    None => Ok(()),
+                }
+            })
         };
-        let mut rendering = render_with_dry_run(&self.scene, &settings, &session, &dry_run)?;
-        let began = Instant::now();
-        session.begin(Stage::Expose, 1.0, rendering.film.sums.total_samples());
-        let mut frame = session.install(|| develop_film(&rendering.film, &settings))?;
-        let exposed = began.elapsed().as_secs_f64();
-        let denoising = session.install(|| denoise(&mut frame, &rendering.film.sums, &session))?;
-        if denoising.as_ref().is_some_and(|d| d.error.is_some()) {
-            rendering.interrupted |= cancel.is_cancelled();
+        let mut whole = Some(render_with_dry_run(&self.scene, &settings, &session, &dry_run)?);
+        for (capture, settings, outputs) in images {
+            let began = Instant::now();
+            let rendering = match (&capture, &whole) {
+                (Some(capture), Some(whole)) => Some(session.install(|| whole.of_capture(capture))?),
+                _ => whole.take(),
+            };
+            let Some(mut rendering) = rendering else { break };
+            let name = capture.map(|capture| capture.name);
+            session.begin(Stage::Expose, 1.0, rendering.film.sums.total_samples());
+            let mut frame = session.install(|| develop_film(&rendering.film, &settings))?;
+            let exposed = began.elapsed().as_secs_f64();
+            let denoising = session
+                .install(|| denoised(denoiser.as_deref(), &mut frame, &rendering.film.sums, &settings, &session))?;
+            if denoising.as_ref().is_some_and(|d| d.error.is_some()) {
+                rendering.interrupted |= cancel.is_cancelled();
+            }
+            let mut stats = session.install(|| Stats::new(&rendering, &frame, &settings));
+            stats.run.capture.clone_from(&name);
+            stats.memory = Some(MemoryStats::new(account.clone(), &rendering.film.sums));
+            if let Some(CommandClock { load_seconds, build_seconds, .. }) = command {
+                stats.add_seconds(Stage::Load, load_seconds);
+                stats.add_seconds(Stage::Build, build_seconds);
+            }
+            stats.add_seconds(Stage::Expose, exposed);
+            denoising.into_iter().for_each(|d| stats.add_denoising(d));
+            stats.finish(session.elapsed());
+            let result = ProjectResult {
+                rendering,
+                frame,
+                stats,
+                settings,
+                is_vignetted,
+                started: session.started(),
+                inputs: inputs.clone(),
+                checked: outputs.unwrap_or_default(),
+            };
+            each(name.as_deref(), result)?;
         }
-        let mut stats = session.install(|| Stats::new(&rendering, &frame, &settings));
-        stats.memory = Some(MemoryStats::new(account, &rendering.film.sums));
-        if let Some(CommandClock { load_seconds, build_seconds, .. }) = command {
-            stats.add_seconds(Stage::Load, load_seconds);
-            stats.add_seconds(Stage::Build, build_seconds);
-        }
-        stats.add_seconds(Stage::Expose, exposed);
-        denoising.into_iter().for_each(|d| stats.add_denoising(d));
-        stats.finish(session.elapsed());
-        let checked = outputs.cloned().unwrap_or_default();
-        Ok(ProjectResult {
-            rendering,
-            frame,
-            stats,
-            settings,
-            is_vignetted,
-            started: session.started(),
-            inputs,
-            checked,
-        })
+        Ok(())
     }
+}
+
+/// Denoises the picture of a frame, if there is a denoiser.
+fn denoised(
+    denoiser: Option<&dyn Denoiser>,
+    frame: &mut Frame,
+    film: &Film,
+    settings: &RenderSettings,
+    session: &Session<'_>,
+) -> Result<Option<DenoiseStats>, Error> {
+    denoiser.map(|denoiser| denoise_frame(frame, film, denoiser, settings, session)).transpose()
 }

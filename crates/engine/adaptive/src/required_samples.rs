@@ -113,6 +113,22 @@ pub fn required_samples(
 }
 
 impl RequiredSamples {
+    /// Those at k, from those at k = 1.
+    #[must_use]
+    pub fn at(&self, k: f64) -> Self {
+        Self { samples: self.samples.map(|&n| (f64::from(n) / (k * k)) as f32), saturated: self.saturated.clone() }
+    }
+
+    /// Those that are enough for two images of the same samples.
+    #[must_use]
+    pub fn max(mut self, other: &Self) -> Self {
+        let pairs = self.samples.data_mut().iter_mut().zip(other.samples.data());
+        pairs.for_each(|(n, &other)| *n = n.max(other));
+        let pairs = self.saturated.data_mut().iter_mut().zip(other.saturated.data());
+        pairs.for_each(|(is_full, other)| *is_full &= other);
+        self
+    }
+
     /// Samples per pixel after which this share of the pixels is hidden, if the samples beyond `counts` are distributed in
     /// proportion to weights ([`crate::plan::next_round`]).
     pub fn if_weighted(&self, counts: &Plane<u32>, weights: &Plane<f32>, share: f64) -> Plane<f32> {

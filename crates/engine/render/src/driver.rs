@@ -9,7 +9,7 @@ use crate::plan::{FIRST_LOOK, NoiseVerdict, Planner, State};
 use crate::rendered_film::{RenderedFilm, material_names};
 use crate::round::{Clock, End, ProgressReporter, RoundWork, TILE, run};
 use crate::session::Session;
-use crate::settings::{DEFAULT_SPP, DenoiseMethod, RenderSettings};
+use crate::settings::{Capture, DEFAULT_SPP, DenoiseMethod, RenderSettings};
 use crate::stage::Stage;
 use crate::training::train;
 use crate::validate::validate;
@@ -82,6 +82,23 @@ pub struct Rendering {
 }
 
 impl Rendering {
+    /// The same render with the film of a capture.
+    ///
+    /// # Errors
+    /// As [`RenderedFilm::weighted`].
+    pub fn of_capture(&self, capture: &Capture) -> Result<Self, Error> {
+        Ok(Self {
+            film: self.film.of_capture(capture)?,
+            stages: self.stages.clone(),
+            invalid: self.invalid.clone(),
+            weights: self.weights.clone(),
+            forecast: self.forecast.clone(),
+            earlier: self.earlier.clone(),
+            checkpoint_fault: self.checkpoint_fault.clone(),
+            ..*self
+        })
+    }
+
     /// The rendered plan: samples per pixel. A replay of it gives the same film, bit by bit.
     pub fn plan(&self) -> Plane<u32> {
         self.film.sums.sample_counts()

@@ -1,6 +1,7 @@
 //! A rendered film together with the object and material ids of its pixels.
 
 use crate::error::Error;
+use crate::settings::Capture;
 use dunkelfeld_film::{Film, Plane};
 use dunkelfeld_integrator::PixelIds;
 use dunkelfeld_scene::Scene;
@@ -60,6 +61,17 @@ impl RenderedFilm {
         Ok(Self { sums, groups: Vec::new(), is_spread: self.is_spread, ids, object_names, material_names })
     }
 
+    /// The film of a capture.
+    ///
+    /// # Errors
+    /// As [`Self::weighted`].
+    pub fn of_capture(&self, capture: &Capture) -> Result<Self, Error> {
+        // The last group is that of the lights that no group names.
+        let mut factors = capture.factors.clone();
+        factors.resize(self.groups.len().max(factors.len()), 0.0);
+        self.weighted(&factors)
+    }
+
     fn weighted_sums(&self, factors: &[f64]) -> Result<Film, Error> {
         let mut sums = Film::with_layers(self.sums.width(), self.sums.height(), self.sums.layers());
         let rows = sums.tile_rows_mut().par_iter_mut().zip(self.sums.tile_rows()).enumerate();
@@ -80,7 +92,7 @@ impl RenderedFilm {
         Self {
             ids: Plane::of_pixels(sums.width(), sums.height(), ids),
             sums,
-            groups: Vec::new(),
+            groups: self.groups.iter().map(|film| film.copy_of_tile_rows(rows.clone())).collect(),
             is_spread: self.is_spread,
             object_names: self.object_names.clone(),
             material_names: self.material_names.clone(),

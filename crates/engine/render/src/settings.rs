@@ -81,6 +81,17 @@ pub enum SensorChoice {
     },
 }
 
+/// An image of a render with factors on groups of lights, and with its own exposure.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Capture {
+    /// Its name, which files have as a suffix.
+    pub name: String,
+    /// The factor of each of [`RunSettings::light_groups`]. All other lights are dark.
+    pub factors: Vec<f64>,
+    /// The exposure of the sensor, `None` for automatic exposure.
+    pub exposure: Option<Exposure>,
+}
+
 /// What a program asks of a render beside the keys of a job.
 #[derive(Clone, Debug, Default, Serialize, Setters)]
 #[setters(prefix = "with_")]
@@ -121,6 +132,9 @@ pub struct RunSettings {
     /// ([`RenderedFilm::groups`](crate::RenderedFilm::groups)). It changes no sample. A checkpoint does not contain these films.
     #[serde(skip)]
     pub light_groups: Vec<Vec<String>>,
+    /// The images that the render is for, instead of that of all lights. The plan and the noise limit are those of the worst.
+    #[serde(skip)]
+    pub captures: Vec<Capture>,
     /// Effects that were left out on purpose. They mark the outputs. The scene must have been built without them
     /// (`dunkelfeld::ProjectOptions::without`).
     pub without: Vec<Effect>,
@@ -278,6 +292,17 @@ impl RenderSettings {
     /// Are the samples of a pixel spread over its neighbours, for the blur of the lens ([`Optics::needs_spread`])?
     pub fn is_spread(&self) -> bool {
         matches!(&self.sensor, SensorChoice::Emva { optics, model, .. } if optics.needs_spread(model.spec().pixel_pitch))
+    }
+
+    /// The settings of a capture: its exposure, and no groups.
+    #[must_use]
+    pub fn of_capture(&self, capture: &Capture) -> Self {
+        let mut settings = self.clone();
+        (settings.run.light_groups, settings.run.captures) = (Vec::new(), Vec::new());
+        if let SensorChoice::Emva { exposure, .. } = &mut settings.sensor {
+            *exposure = capture.exposure;
+        }
+        settings
     }
 
     /// Is there a sensor?

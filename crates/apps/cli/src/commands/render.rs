@@ -7,11 +7,14 @@ mod report;
 use crate::args::RenderArgs;
 use crate::bar::Sink;
 use crate::interrupt::cancel_on_interrupt;
-use crate::outcome::Outcome;
+use crate::outcome::{Outcome, print};
 use dunkelfeld::film::CheckpointSettings;
 use dunkelfeld::guard::DefaultPath;
 use dunkelfeld::sensor::Exposure;
-use dunkelfeld::{Cancel, Error, Progress, ProgressState, Project, ProjectOptions, RenderOptions, ReplayOption, Stage};
+use dunkelfeld::{
+    Cancel, Error, OutputPaths, Progress, ProgressState, Project, ProjectOptions, ProjectResult, RenderOptions,
+    ReplayOption, Stage,
+};
 pub(crate) use report::{as_seen, say_flaws};
 use std::path::Path;
 use std::time::Instant;
@@ -45,6 +48,9 @@ pub(crate) fn run(args: &RenderArgs, started: Instant) -> Result<Outcome, Error>
         sink.say(&line);
     }
     let cancel = cancel_on_interrupt();
+    if !project.capture_names().is_empty() {
+        refuse_with_captures(args)?;
+    }
     let cameras = project.defined_cameras();
     if cameras.len() > 1 {
         let turns = cameras::of_cameras(args, &mut project, &cameras, &sink)?;
@@ -71,12 +77,48 @@ fn render(
     project: &Project,
     (sink, cancel): (&Sink, &Cancel),
 ) -> Result<(Outcome, Option<Exposure>), Error> {
-    let mut result = project.render_to_files(sink, cancel)?;
+    let (mut worst, mut exposure) = (Outcome::Done, None);
+    project.render_captures_to_files(sink, cancel, &mut |capture, result| {
+        if let Some(capture) = capture {
+            print(&format!("capture \"{capture}\"\n"));
+        }
+        let outputs = capture.map_or_else(|| project.outputs.clone(), |capture| project.outputs.for_camera(capture));
+        let (outcome, found) = finish(args, project, result, &outputs, sink)?;
+        (worst, exposure) = (worst.max(outcome), found);
+        Ok(())
+    })?;
+    Ok((worst, exposure))
+}
+
+/// Flags that need one image.
+fn refuse_with_captures(args: &RenderArgs) -> Result<(), Error> {
+    let of_one = [
+        ("--checkpoint", args.checkpoint.is_some()),
+        ("--frames", args.frames.is_some_and(|frames| frames > 1)),
+        ("--samples", args.samples.is_some()),
+    ];
+    match of_one.iter().find(|(_, given)| *given) {
+        None => Ok(()),
+        Some((flag, _)) => {
+            let problem = "it is for one image, and the job has captures";
+            Err(Error::setting(*flag, problem, "remove [[capture]], and set the lights of one image"))
+        }
+    }
+}
+
+/// Writes the files of an image and prints the summary. The second value is the exposure of the sensor.
+fn finish(
+    args: &RenderArgs,
+    project: &Project,
+    mut result: ProjectResult,
+    outputs: &OutputPaths,
+    sink: &Sink,
+) -> Result<(Outcome, Option<Exposure>), Error> {
     let (elapsed, samples) = (result.elapsed(), result.stats.sampling.samples);
     sink.update(&ProgressState { stage: Stage::Write, fraction: 1.0, elapsed, remaining: None, samples });
-    result.save(&project.outputs)?;
+    result.save(outputs)?;
     sink.clear();
-    report::print_report(args, project, &result);
+    report::print_report(args, project, outputs, &result);
     let is_flagged = result.stats.is_flagged()
         || result.rendering.checkpoint_fault.is_some()
         || (args.strict && result.stats.time.budget_missed);

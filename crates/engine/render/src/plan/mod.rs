@@ -17,7 +17,7 @@ use crate::rendered_film::RenderedFilm;
 use crate::settings::RenderSettings;
 use dunkelfeld_adaptive::required_samples::{RequiredSamples, total};
 use dunkelfeld_adaptive::weights::{self, Pilot, Strategy};
-use dunkelfeld_film::{Film, Plane};
+use dunkelfeld_film::Plane;
 use serde::{Deserialize, Serialize};
 
 /// First number of samples per pixel of a pilot whose size is not yet determined: one for each batch of the film.
@@ -44,6 +44,36 @@ pub(crate) enum NoiseVerdict {
     GrowPilot(u32),
     /// Estimated number of samples of the whole image until the noise is hidden.
     After(f64),
+}
+
+/// The noise of an image, or that of the worst of several ones at each pixel.
+struct Measured {
+    /// Samples that each pixel needs at k = 1, by the variance that is certified. `None` without a sensor.
+    required: Option<RequiredSamples>,
+    /// The smallest share of hidden pixels.
+    hidden: f64,
+    /// The weights of the samples after a pilot.
+    weights: Plane<f32>,
+    /// Variance of one sample of each pixel over that of the sensor.
+    noise_of_samples: Option<Plane<f32>>,
+}
+
+impl Measured {
+    fn max(self, other: Self) -> Self {
+        let required = self.required.zip(other.required).map(|(a, b)| a.max(&b));
+        let noise_of_samples = self.noise_of_samples.zip(other.noise_of_samples).map(|(mut noise, other)| {
+            let finite = |v: f32| if v.is_finite() { v } else { 0.0 };
+            let pairs = noise.data_mut().iter_mut().zip(other.data());
+            pairs.for_each(|(noise, &other)| *noise = finite(*noise).max(finite(other)));
+            noise
+        });
+        let mut weights = self.weights;
+        match &noise_of_samples {
+            Some(noise) => weights = weights::sensor(noise),
+            None => weights.data_mut().iter_mut().zip(other.weights.data()).for_each(|(w, &other)| *w = w.max(other)),
+        }
+        Self { required, hidden: self.hidden.min(other.hidden), weights, noise_of_samples }
+    }
 }
 
 /// The planner of a render.
@@ -105,21 +135,44 @@ impl<'a> Planner<'a> {
     /// # Errors
     /// An exposure outside the ranges of the sensor.
     pub(crate) fn plan(&mut self, state: State<'_>, pace: &Throughput<'_>) -> Result<Option<&Forecast>, Error> {
-        let (signal_model, image) = self.exposed(&state.film.sums)?;
-        let required = signal_model.sensor.is_some().then(|| {
-            let measured = FilmNoise::new(&signal_model, state.film).behind(&image);
-            let own = measured.pixel_noise();
-            move |k| measured.needs_by(&own, k)
-        });
-        let required = |k| required.as_ref().and_then(|required| required(k));
-        self.fix(&signal_model, &image, &required, state, pace);
+        let measured = self.measure(state.film, None)?;
+        self.fix(measured, state, pace);
         Ok(self.forecast.as_ref())
     }
 
-    /// The unit of noise at the exposure of the image so far, and the image behind the lens.
-    fn exposed(&self, film: &Film) -> Result<(SignalModel, LensImage), Error> {
-        let image = LensImage::new(mean_image(film, self.settings.is_spread()), &self.settings.sensor);
-        Ok((SignalModel::new(&image.radiance, &self.settings.sensor)?, image))
+    /// Measures the noise of the image so far, or of all captures. The hidden share is that at `k`.
+    fn measure(&self, film: &RenderedFilm, k: Option<f64>) -> Result<Measured, Error> {
+        let captures = &self.settings.run.captures;
+        let Some((first, others)) = captures.split_first() else {
+            return self.measure_one(film, self.settings, k);
+        };
+        let of = |capture| self.measure_one(&film.of_capture(capture)?, &self.settings.of_capture(capture), k);
+        others.iter().try_fold(of(first)?, |worst, capture| Ok(worst.max(of(capture)?)))
+    }
+
+    fn measure_one(&self, film: &RenderedFilm, settings: &RenderSettings, k: Option<f64>) -> Result<Measured, Error> {
+        // The unit of noise at the exposure of the image so far, and the image behind the lens.
+        let image = LensImage::new(mean_image(&film.sums, settings.is_spread()), &settings.sensor);
+        let signal_model = SignalModel::new(&image.radiance, &settings.sensor)?;
+        let strategy = settings.strategy();
+        let noise_of_samples = match strategy {
+            Strategy::Sensor if !self.state.is_made => signal_model.noise_of_samples(&film.sums),
+            _ => None,
+        };
+        let weights = strategy.weights(&Pilot {
+            luminance: &signal_model.image(&image.radiance),
+            white: signal_model.white,
+            sobel_floor: settings.sobel_floor,
+            noise: noise_of_samples.as_ref(),
+        });
+        let (mut required, mut hidden) = (None, 0.0);
+        if signal_model.sensor.is_some() {
+            let measured = FilmNoise::new(&signal_model, film).behind(&image);
+            let own = measured.pixel_noise();
+            required = measured.needs_by(&own, 1.0);
+            hidden = k.and_then(|k| measured.certify_by(&own, k)).map_or(0.0, |c| c.certificate.hidden);
+        }
+        Ok(Measured { required, hidden, weights, noise_of_samples })
     }
 
     /// Compares the image with the noise level at which the render ends. Computes the plan once the pilot suffices, and
@@ -134,12 +187,10 @@ impl<'a> Planner<'a> {
         pace: &Throughput<'_>,
         report: impl FnOnce(&Forecast),
     ) -> Result<NoiseVerdict, Error> {
-        let (signal_model, image) = self.exposed(&state.film.sums)?;
-        let measured = FilmNoise::new(&signal_model, state.film).behind(&image);
-        let own = measured.pixel_noise();
+        let measured = self.measure(state.film, Some(k))?;
         let share = self.settings.budget.hidden_share();
-        let is_hidden = measured.certify_by(&own, k).is_some_and(|c| c.certificate.hidden >= share);
-        let required_samples = measured.needs_by(&own, k);
+        let is_hidden = measured.hidden >= share;
+        let required_samples = measured.required.as_ref().map(|required| required.at(k));
         let spp = mean_count(state.counts);
         let weights = &self.weights;
         if self.state.is_made {
@@ -168,59 +219,40 @@ impl<'a> Planner<'a> {
         if has_grown && f64::from(wanted) > 1.01 * spp {
             return Ok(NoiseVerdict::GrowPilot(wanted));
         }
-        let required = |k| measured.needs_by(&own, k);
-        self.fix(&signal_model, &image, &required, state, pace);
+        let required = self.fix(measured, state, pace);
         if let Some(forecast) = &self.forecast {
             report(forecast);
         }
-        let targets = self.targets(&required, (k, share), state.counts);
+        let targets = self.targets(required.as_ref(), (k, share), state.counts);
         Ok(NoiseVerdict::After(targets.map_or(f64::INFINITY, |t| total(&t))))
     }
 
-    /// Fixes the weights for the rest of the render, and computes the forecast. `required` are the samples that each pixel
-    /// needs at k, by the variance that is certified.
-    fn fix(
-        &mut self,
-        signal_model: &SignalModel,
-        image: &LensImage,
-        required: &dyn Fn(f64) -> Option<RequiredSamples>,
-        state: State<'_>,
-        pace: &Throughput<'_>,
-    ) {
-        self.weights = self.weights_after(signal_model, image, &state.film.sums);
-        let targets = |k, share| self.targets(required, (k, share), state.counts);
+    /// Fixes the weights for the rest of the render, and computes the forecast. Returns the samples that each pixel needs at k = 1,
+    /// by the variance that is certified.
+    fn fix(&mut self, measured: Measured, state: State<'_>, pace: &Throughput<'_>) -> Option<RequiredSamples> {
+        self.weights = measured.weights;
+        let required = measured.required;
         let forecast_input = ForecastInput {
             film: state.film,
             counts: state.counts,
-            targets: &targets,
-            required,
+            targets: &|k, share| self.targets(required.as_ref(), (k, share), state.counts),
+            required: &|k| Some(required.as_ref()?.at(k)),
             target: self.settings.budget.noise,
             share: self.settings.budget.hidden_share(),
         };
         self.forecast = Forecast::new(&forecast_input, pace);
         self.state.is_made = true;
-    }
-
-    /// The weights of the samples after a pilot, its film.
-    fn weights_after(&self, signal_model: &SignalModel, image: &LensImage, film: &Film) -> Plane<f32> {
-        let strategy = self.settings.strategy();
-        let noise = (strategy == Strategy::Sensor).then(|| signal_model.noise_of_samples(film)).flatten();
-        strategy.weights(&Pilot {
-            luminance: &signal_model.image(&image.radiance),
-            white: signal_model.white,
-            sobel_floor: self.settings.sobel_floor,
-            noise: noise.as_ref(),
-        })
+        required
     }
 
     /// Estimated samples per pixel until a share of the pixels is hidden at k with the plan. `None` without a sensor.
     fn targets(
         &self,
-        required: &dyn Fn(f64) -> Option<RequiredSamples>,
+        required: Option<&RequiredSamples>,
         (k, share): (f64, f64),
         counts: &Plane<u32>,
     ) -> Option<Plane<f32>> {
-        Some(self.state.trend.extrapolate(required(k)?.if_weighted(counts, &self.weights, share), counts))
+        Some(self.state.trend.extrapolate(required?.at(k).if_weighted(counts, &self.weights, share), counts))
     }
 }
 

@@ -28,6 +28,7 @@
 //! Colours are linear Rec. 709, `[r, g, b]` or one number for all three.
 
 mod cameras;
+mod capture;
 mod change_materials;
 mod change_objects;
 pub(crate) mod check;
@@ -55,6 +56,7 @@ mod sensor;
 mod strobes;
 
 pub use cameras::{CameraSettings, Cameras};
+pub use capture::Capture;
 pub use film::FilmSettings;
 pub use lamp_values::{LedCount, Strength, Wavelength};
 pub use lens::{FilterSettings, LensProjection, LensSettings};
@@ -141,6 +143,9 @@ pub struct Job {
     /// `[[light]]`: changes to lights, applied in order, after those to materials.
     #[serde(default, rename = "light", deserialize_with = "read_later")]
     pub lights: Vec<Light>,
+    /// `[[capture]]`: images of one render with other lights.
+    #[serde(default, rename = "capture")]
+    pub captures: Vec<Capture>,
     /// The text of the job, for later errors.
     #[serde(skip)]
     source: TomlFile,
@@ -412,6 +417,7 @@ impl Job {
             .map_err(|e| file.error_at_key(&["film", &e.place], e.problem, e.help))?;
         lens::check_lens(&job.lens, &job.film, &job.sensor.model)
             .map_err(|e| file.error_at_key(&["lens", &e.place], e.problem, e.help))?;
+        job.check_captures(&file)?;
         job.camera.complete(&file, &job.lens, &job.film, &job.sensor.model)?;
         for key in ["exposure", "exposure_noise", "gain", "temperature", "black_level"].map(|key| ["sensor", key]) {
             if job.sensor.model == SensorChoice::None && file.has_key(&key) {

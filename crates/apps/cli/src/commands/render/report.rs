@@ -6,7 +6,7 @@ use crate::words::{about, count, exposure_time, seconds, shell};
 use dunkelfeld::denoising::why_builtin;
 use dunkelfeld::scene::Effect;
 use dunkelfeld::stats::CertificateStats;
-use dunkelfeld::{Project, ProjectResult, SensorChoice, Stats};
+use dunkelfeld::{OutputPaths, Project, ProjectResult, SensorChoice, Stats};
 use std::fmt::Write;
 use std::path::Path;
 
@@ -46,9 +46,9 @@ fn exposure_warning(project: &Project, stats: &Stats) -> Option<String> {
     Some(format!("warning: the automatic exposure is {}, {advice}", exposure_time(seconds)))
 }
 
-pub(super) fn print_report(args: &RenderArgs, project: &Project, result: &ProjectResult) {
+pub(super) fn print_report(args: &RenderArgs, project: &Project, outputs: &OutputPaths, result: &ProjectResult) {
     let s = &result.stats;
-    print(&summary(project, s));
+    print(&summary(project, outputs, s));
     say_flaws(s);
     if let Some(reason) = dunkelfeld::commands::black_image(&project.scene, result) {
         say(&format!("warning: {reason}"));
@@ -115,8 +115,7 @@ pub(crate) fn say_flaws(s: &Stats) {
     }
 }
 
-fn summary(project: &Project, s: &Stats) -> String {
-    let o = &project.outputs;
+fn summary(project: &Project, o: &OutputPaths, s: &Stats) -> String {
     let mut text = as_seen(o.image.as_deref(), s);
     if let Some(c) = s.certificate.as_ref().filter(|c| !c.is_hidden) {
         text += &advice(c, s);
