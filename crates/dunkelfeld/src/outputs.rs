@@ -25,6 +25,7 @@ use std::path::{Path, PathBuf};
 
 pub use crate::exr_image::{ExrImage, LensSource};
 pub use crate::film_files::{save_film, save_film_files};
+pub use crate::project::EachCapture;
 pub use dunkelfeld_io::job::Align;
 pub use dunkelfeld_render::written;
 

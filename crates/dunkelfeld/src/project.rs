@@ -10,6 +10,7 @@ pub use open::{GivenSensor, ProjectOptions, removable_effects};
 pub(crate) use open::{Setup, exposure_of, sensor_of};
 use open::{pitch_of, resolve, whole_film};
 use overrides::Description;
+pub use rendering::EachCapture;
 
 use crate::camera_fit::{FilmSize, Fitted, fit};
 use crate::film_part::FilmPart;

@@ -14,6 +14,9 @@ use dunkelfeld_render::{
 };
 use std::time::Instant;
 
+/// What a program does with each image of a render: the name of its capture, if there are captures, and the result.
+pub type EachCapture<'a> = dyn FnMut(Option<&str>, ProjectResult) -> Result<(), Error> + 'a;
+
 impl Project {
     /// Renders and exposes, without progress. See [`Project::render_with`].
     ///
@@ -105,7 +108,7 @@ impl Project {
         &self,
         progress: &dyn Progress,
         cancel: &Cancel,
-        each: &mut dyn FnMut(Option<&str>, ProjectResult) -> Result<(), Error>,
+        each: &mut EachCapture<'_>,
     ) -> Result<(), Error> {
         self.render_each(None, !self.job.captures.is_empty(), (progress, cancel), each)
     }
@@ -119,7 +122,7 @@ impl Project {
         &self,
         progress: &dyn Progress,
         cancel: &Cancel,
-        each: &mut dyn FnMut(Option<&str>, ProjectResult) -> Result<(), Error>,
+        each: &mut EachCapture<'_>,
     ) -> Result<(), Error> {
         self.render_each(Some(&self.outputs), !self.job.captures.is_empty(), (progress, cancel), each)
     }
@@ -143,7 +146,7 @@ impl Project {
         outputs: Option<&OutputPaths>,
         is_captured: bool,
         (progress, cancel): (&dyn Progress, &Cancel),
-        each: &mut dyn FnMut(Option<&str>, ProjectResult) -> Result<(), Error>,
+        each: &mut EachCapture<'_>,
     ) -> Result<(), Error> {
         let mut quiet = Session::new(self.settings.run.threads)?;
         let command = self.command.filter(|_| outputs.is_some());

@@ -93,7 +93,6 @@ impl Rendering {
             invalid: self.invalid.clone(),
             weights: self.weights.clone(),
             forecast: self.forecast.clone(),
-            earlier: self.earlier.clone(),
             checkpoint_fault: self.checkpoint_fault.clone(),
             ..*self
         })

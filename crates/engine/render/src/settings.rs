@@ -183,7 +183,6 @@ pub struct RenderSettings {
     #[setters(into)]
     pub memory_limit: Option<u64>,
     /// What is no key of a job.
-    #[serde(flatten)]
     pub run: RunSettings,
 }
 

@@ -134,6 +134,7 @@ fn flatten(m: &mut Material, images: &[Image]) {
 mod tests {
     use super::*;
     use crate::build::effects::Effects;
+    use crate::material::finish::{Finish, Process};
     use crate::material::texture::{ColorEncoding, ImageId, Texture};
     use crate::material::{Anisotropy, Clearcoat, DiffuseTransmission, NormalMap, Sheen};
     use dunkelfeld_geometry::{Mesh, Vec3, Vec4};
@@ -159,6 +160,7 @@ mod tests {
             emission_profile: EmissionProfile::CosinePower { exponent: 3.0 },
             diffuse_transmission: DiffuseTransmission { share: 0.2.into(), ..DiffuseTransmission::default() },
             anisotropy: Anisotropy { strength: 0.5.into(), ..Anisotropy::default() },
+            finish: Some(Finish { process: Process::Grained { size: 1e-3 }, mean_deviation: 1e-6, seed: 0 }),
             sheen: Sheen { color: Rgb::splat(0.1).into(), ..Sheen::default() },
             clearcoat: Clearcoat { strength: 1.0.into(), ..Clearcoat::default() },
             ..Material::default()

@@ -88,7 +88,7 @@ impl Job {
             }
             let factor = |light: &String| {
                 let patterns = capture.lights.iter().filter(|(pattern, _)| matches(pattern, light));
-                capture.lights.get(light).or(patterns.map(|(_, factor)| factor).last()).copied().unwrap_or(0.0)
+                capture.lights.get(light).or(patterns.map(|(_, factor)| factor).next_back()).copied().unwrap_or(0.0)
             };
             Ok(lights.iter().map(factor).collect())
         };
