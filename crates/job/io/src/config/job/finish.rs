@@ -118,7 +118,7 @@ impl<'de> Deserialize<'de> for FinishSettings {
 const STEEPEST: f64 = 1.0 / 16.0;
 
 /// Ra of a process, and the length of its marks: feed, width of a groove or size of a bump; middle values of handbooks
-/// (Machinery's Handbook 2020, surface texture by process) \[m\].
+/// of machining, by process \[m\].
 const fn usual(kind: FinishKind) -> (f64, f64) {
     match kind {
         FinishKind::Milled => (1.6e-6, 200e-6),
