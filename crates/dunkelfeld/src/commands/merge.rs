@@ -51,7 +51,7 @@ pub struct Merged {
     pub is_vignetted: bool,
 }
 
-/// Joins parts of one render ([`crate::RenderSettings::samples`]), in any order, and writes the outputs. They are bit by bit
+/// Joins parts of one render ([`samples`](dunkelfeld_render::RunSettings::samples)), in any order, and writes the outputs. They are bit by bit
 /// those of one process that rendered all of their samples. Neither scene nor job is needed. `started` is the start
 /// time of the command.
 ///
