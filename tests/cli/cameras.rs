@@ -48,6 +48,34 @@ fn each_camera_of_a_job_has_its_files() {
     assert!(stderr(&run).contains("left, right, front, far"), "{}", stderr(&run));
 }
 
+/// Captures of each camera: one render, and files with both names. A time limit holds for all of them together.
+#[test]
+fn each_capture_of_a_job_has_its_files() {
+    let bench = Bench::new();
+    let lamp = |name: &str, x: i32| {
+        format!(
+            "[[light]]\nname = \"{name}\"\nkind = \"panel\"\nwidth = \"200mm\"\nheight = \"200mm\"\nposition = [{x}, 1, 0]\n\
+             target = [0, 0, 0]\npower = 2\n"
+        )
+    };
+    let captures = "[[capture]]\nname = \"east\"\nlights = [\"east\"]\n[[capture]]\nname = \"both\"\nlights = { east = 1, west = 0.5 }\n";
+    bench.write("lamps.toml", &format!("{TWO}{}{}{captures}", lamp("east", 1), lamp("west", -1)));
+    let run = bench.run("render lamps.toml --exr all.exr --stats all.json --time 1h --spp 4").code(0);
+    for camera in ["left", "right"] {
+        for capture in ["east", "both"] {
+            let name = format!("{camera}-{capture}");
+            for file in [format!("lamps-{name}.png"), format!("all-{name}.exr"), format!("all-{name}.json")] {
+                assert!(bench.names().contains(&file), "{:?}", bench.names());
+            }
+            assert_eq!(bench.json(&format!("all-{name}.json"))["capture"], capture);
+        }
+        assert!(bench.read(&format!("all-{camera}-east.exr")) != bench.read(&format!("all-{camera}-both.exr")));
+    }
+    assert!(stdout(&run).contains("capture \"both\"") && !bench.names().contains("lamps-left.png"));
+    let run = bench.run("render lamps.toml --camera left --frames 2").code(2);
+    assert!(stderr(&run).contains("--frames") && stderr(&run).contains("captures"), "{}", stderr(&run));
+}
+
 #[test]
 fn a_time_budget_is_divided_among_the_cameras() {
     let bench = Bench::new();

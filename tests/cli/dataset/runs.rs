@@ -7,6 +7,36 @@ use std::fs;
 use std::process::{Command as Process, Stdio};
 use std::time::Duration;
 
+/// Each image has the files of all captures, whose lights may be drawn, and one record.
+#[test]
+fn a_set_has_the_captures_of_each_image() {
+    let captures = "[[capture]]\nname = \"full\"\nlights = [\"*\"]\n\
+        [[capture]]\nname = \"weak\"\nlights = { panel = { uniform = [0.1, 0.2] } }\n";
+    let bench = Bench::new(&format!("{STUDY}{captures}"));
+    bench.run("dataset study.toml -o a --count 2");
+    bench.run("dataset --verify a");
+    let all = files(&bench.path("a"));
+    for index in 0..2 {
+        for folder in [["images", "png"], ["linear", "tif"], ["raw", "raw"]] {
+            let [full, weak] =
+                ["full", "weak"].map(|name| &all[&format!("{}/{index:06}-{name}.{}", folder[0], folder[1])]);
+            assert_ne!(full, weak);
+        }
+        assert!(!all.contains_key(&format!("images/{index:06}.png")));
+        let record = bench.json(&format!("a/records/{index:06}.json"));
+        let captures = record["captures"].as_object().expect("captures");
+        assert_eq!(captures.keys().collect::<Vec<_>>(), ["full", "weak"]);
+        assert_eq!(captures["full"]["exposure"], record["exposure"]);
+        let factor = record["drawn"]["capture[weak].lights.panel"].as_f64().expect("drawn");
+        assert!((0.1..=0.2).contains(&factor), "{factor}");
+        let mean = |name: &str| {
+            let bytes = &all[&format!("raw/{index:06}-{name}.raw")];
+            bytes.chunks(2).map(|v| f64::from(u16::from_le_bytes([v[0], v[1]]))).sum::<f64>() / bytes.len() as f64
+        };
+        assert!(mean("weak") < mean("full"), "{index}");
+    }
+}
+
 #[test]
 fn a_set_has_its_files_and_is_the_same_with_any_number_of_jobs() {
     let bench = Bench::new(STUDY);
