@@ -3,11 +3,12 @@
 use super::{CommandClock, Project, ProjectResult, needed_layers};
 use crate::denoising::{denoise_frame, find_denoiser};
 use crate::frame::{Frame, develop_film};
-use crate::memory::{KeptFilms, MemoryStats};
+use crate::memory::{KeptFilms, MemoryAccount, MemoryStats};
 use crate::outputs::{OutputPaths, Written};
 use crate::stats::{DenoiseStats, Stats};
 use dunkelfeld_denoise::{Builtin, Denoiser};
 use dunkelfeld_film::Film;
+use dunkelfeld_io::input::InputFiles;
 use dunkelfeld_render::{
     Cancel, Capture, DenoiseMethod, Error, Progress, RenderSettings, RenderedFilm, Rendering, Session, Silent, Stage,
     camera, render, render_with_dry_run,
@@ -197,45 +198,62 @@ impl Project {
             })
         };
         let mut whole = Some(render_with_dry_run(&self.scene, &settings, &session, &dry_run)?);
+        let done = Done { session: &session, command, denoiser: denoiser.as_deref(), account, is_vignetted, inputs };
         for (capture, settings, outputs) in images {
-            let began = Instant::now();
             let rendering = match (&capture, &whole) {
                 (Some(capture), Some(whole)) => Some(session.install(|| whole.of_capture(capture))?),
                 _ => whole.take(),
             };
-            let Some(mut rendering) = rendering else { break };
+            let Some(rendering) = rendering else { break };
             let name = capture.map(|capture| capture.name);
-            session.begin(Stage::Expose, 1.0, rendering.film.sums.total_samples());
-            let mut frame = session.install(|| develop_film(&rendering.film, &settings))?;
-            let exposed = began.elapsed().as_secs_f64();
-            let denoising = session
-                .install(|| denoised(denoiser.as_deref(), &mut frame, &rendering.film.sums, &settings, &session))?;
-            if denoising.as_ref().is_some_and(|d| d.error.is_some()) {
-                rendering.interrupted |= cancel.is_cancelled();
-            }
-            let mut stats = session.install(|| Stats::new(&rendering, &frame, &settings));
-            stats.run.capture.clone_from(&name);
-            stats.memory = Some(MemoryStats::new(account.clone(), &rendering.film.sums));
-            if let Some(CommandClock { load_seconds, build_seconds, .. }) = command {
-                stats.add_seconds(Stage::Load, load_seconds);
-                stats.add_seconds(Stage::Build, build_seconds);
-            }
-            stats.add_seconds(Stage::Expose, exposed);
-            denoising.into_iter().for_each(|d| stats.add_denoising(d));
-            stats.finish(session.elapsed());
-            let result = ProjectResult {
-                rendering,
-                frame,
-                stats,
-                settings,
-                is_vignetted,
-                started: session.started(),
-                inputs: inputs.clone(),
-                checked: outputs.unwrap_or_default(),
-            };
+            let mut result = done.exposed(rendering, settings, outputs.unwrap_or_default(), cancel)?;
+            result.stats.run.capture.clone_from(&name);
             each(name.as_deref(), result)?;
         }
         Ok(())
+    }
+}
+
+/// A render that is done, without its films.
+struct Done<'a> {
+    session: &'a Session<'a>,
+    command: Option<CommandClock>,
+    denoiser: Option<&'a dyn Denoiser>,
+    account: MemoryAccount,
+    is_vignetted: bool,
+    inputs: InputFiles,
+}
+
+impl Done<'_> {
+    /// Exposes and denoises an image of the render.
+    fn exposed(
+        &self,
+        mut rendering: Rendering,
+        settings: RenderSettings,
+        checked: OutputPaths,
+        cancel: &Cancel,
+    ) -> Result<ProjectResult, Error> {
+        let session = self.session;
+        let began = Instant::now();
+        session.begin(Stage::Expose, 1.0, rendering.film.sums.total_samples());
+        let mut frame = session.install(|| develop_film(&rendering.film, &settings))?;
+        let exposed = began.elapsed().as_secs_f64();
+        let denoising =
+            session.install(|| denoised(self.denoiser, &mut frame, &rendering.film.sums, &settings, session))?;
+        if denoising.as_ref().is_some_and(|d| d.error.is_some()) {
+            rendering.interrupted |= cancel.is_cancelled();
+        }
+        let mut stats = session.install(|| Stats::new(&rendering, &frame, &settings));
+        stats.memory = Some(MemoryStats::new(self.account.clone(), &rendering.film.sums));
+        if let Some(CommandClock { load_seconds, build_seconds, .. }) = self.command {
+            stats.add_seconds(Stage::Load, load_seconds);
+            stats.add_seconds(Stage::Build, build_seconds);
+        }
+        stats.add_seconds(Stage::Expose, exposed);
+        denoising.into_iter().for_each(|d| stats.add_denoising(d));
+        stats.finish(session.elapsed());
+        let (is_vignetted, started, inputs) = (self.is_vignetted, session.started(), self.inputs.clone());
+        Ok(ProjectResult { rendering, frame, stats, settings, is_vignetted, started, inputs, checked })
     }
 }
 
