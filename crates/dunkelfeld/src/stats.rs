@@ -59,7 +59,6 @@ pub struct RunStats {
     /// Name of the camera; `None` for a merge, whose parts do not contain it.
     pub camera: Option<String>,
     /// Name of the capture; `None` for the image of all lights.
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub capture: Option<String>,
     /// Seed of the render.
     pub seed: u64,
