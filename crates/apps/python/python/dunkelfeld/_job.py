@@ -161,6 +161,8 @@ class MaterialKeys(_Named, total=False):
     sheen_roughness: float
     anisotropy: float
     anisotropy_rotation: Angle
+    grain: Triple | Mapping[str, Any]
+    finish: str | Mapping[str, Any]
 
 
 class ObjectKeys(_Named, total=False):
