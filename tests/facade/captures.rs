@@ -118,8 +118,21 @@ fn the_plan_serves_the_worst_capture() {
         assert!(certificate.is_hidden, "{name:?}: {certificate:?}");
         assert_eq!(result.stats.run.capture, *name);
     }
+    // Each capture has its own noise.
+    let lone = project_of_two(&text, panels);
+    let values = |number: usize| &lone[number].1.frame.sensor.as_ref().expect("a sensor").values;
+    let differ = values(0).data().iter().zip(values(1).data()).filter(|(a, b)| a != b).count();
+    assert!(lone[0].1.rendering.film == lone[1].1.rendering.film && differ > 1000, "{differ} pixels differ");
     let samples: Vec<u64> = all.iter().map(|(_, result)| result.stats.sampling.samples).collect();
     assert_eq!(samples[0], samples[1]);
+}
+
+/// Two captures of one lamp.
+fn project_of_two(text: &str, panels: &str) -> Vec<(Option<String>, ProjectResult)> {
+    let text = text.replace("budget = { noise = 1, spp = 20000 }", "budget = { spp = 4 }");
+    let captured = ["one", "two"].map(|name| format!("[[capture]]\nname = \"{name}\"\nlights = [\"left\"]\n")).concat();
+    let project = Project::from_text("sphere.toml", &format!("{text}{panels}{captured}")).expect("a valid job");
+    captures(&project).expect("rendered")
 }
 
 #[test]

@@ -141,7 +141,7 @@ pub fn develop_behind_lens(
     if let Some(certified) = &mut certified {
         certified.certificate.share = settings.budget.hidden_share();
     }
-    exposer.into_frame(settings.frame, certified, &settings.run.without)
+    exposer.into_frame(settings.noise_frame(), certified, &settings.run.without)
 }
 
 fn expose(mean: MeanImage, settings: &RenderSettings, film: Option<&RenderedFilm>) -> Result<Frame, Error> {
@@ -177,5 +177,5 @@ fn expose(mean: MeanImage, settings: &RenderSettings, film: Option<&RenderedFilm
     if let Some(certified) = &mut certified {
         certified.certificate.share = settings.budget.hidden_share();
     }
-    exposer.into_frame(settings.frame, certified, &settings.run.without)
+    exposer.into_frame(settings.noise_frame(), certified, &settings.run.without)
 }

@@ -2,7 +2,8 @@
 
 use super::Project;
 use super::open::seconds_of;
-use dunkelfeld_render::{Capture, Error, RenderSettings, SensorChoice};
+use dunkelfeld_render::{Capture, Error, RenderSettings, SensorChoice, validate};
+use dunkelfeld_scene::LightGroups;
 use std::collections::BTreeMap;
 
 impl Project {
@@ -40,7 +41,12 @@ impl Project {
                 exposure: capture.exposure.map_or(Ok(own), seconds_of)?,
             });
         }
+        if groups.len() >= LightGroups::MAX {
+            let problem = format!("there are {} sets of lights with different factors", groups.len());
+            return Err(Error::setting("capture", problem, format!("use at most {}", LightGroups::MAX - 1)));
+        }
         settings.run.light_groups = groups.into_values().collect();
+        settings.run.captures.iter().try_for_each(|capture| validate(&settings.of_capture(capture)))?;
         Ok(settings)
     }
 }

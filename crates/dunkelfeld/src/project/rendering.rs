@@ -3,6 +3,7 @@
 use super::{CommandClock, Project, ProjectResult, needed_layers};
 use crate::denoising::{denoise_frame, find_denoiser};
 use crate::frame::{Frame, develop_film};
+use crate::guard::check_outputs;
 use crate::memory::{KeptFilms, MemoryAccount, MemoryStats};
 use crate::outputs::{OutputPaths, Written};
 use crate::stats::{DenoiseStats, Stats};
@@ -161,7 +162,7 @@ impl Project {
         if is_captured {
             settings = self.captured(settings)?;
         }
-        let captures = std::mem::take(&mut settings.run.captures);
+        let captures = settings.run.captures.clone();
         // The settings and files of each image.
         let mut images = vec![(None, settings.clone(), outputs.cloned())];
         if is_captured {
@@ -172,10 +173,10 @@ impl Project {
             images = captures.iter().map(image).collect();
         }
         let checkpoint = self.settings.run.checkpoint.as_ref().map(|keep| keep.path.as_path());
-        for outputs in images.iter().filter_map(|(.., outputs)| outputs.as_ref()) {
-            outputs.check_beside(self.settings.has_sensor(), checkpoint, &inputs)?;
-        }
-        settings.run.captures = captures;
+        let files = || images.iter().filter_map(|(.., outputs)| outputs.as_ref());
+        files().try_for_each(|outputs| outputs.check_beside(self.settings.has_sensor(), checkpoint, &inputs))?;
+        let all: Vec<_> = files().flat_map(OutputPaths::named).collect();
+        check_outputs(&all, &InputFiles::new())?;
         let denoiser = find_denoiser(&settings.denoise)?;
         if denoiser.as_ref().is_some_and(|d| d.name() == Builtin.name()) {
             // The time reserved for it is less.

@@ -336,8 +336,9 @@ impl<'a> Renderer<'a> {
     }
 
     fn first_course(&self, limits: Limits) -> AdaptiveState {
-        let closing = CLOSING_PER_MEGAPIXEL * self.pixels() as f64 * 1e-6 / self.session.threads().max(1) as f64
+        let of_image = CLOSING_PER_MEGAPIXEL * self.pixels() as f64 * 1e-6 / self.session.threads().max(1) as f64
             + self.settings.denoise.expected_seconds(self.pixels(), self.session.threads());
+        let closing = of_image * self.settings.run.captures.len().max(1) as f64;
         // If the noise ends the render, the pilot begins with a few samples that determine its size.
         let pilot_spp = self.settings.pilot_spp.min(if limits.stop_on_noise { FIRST_LOOK } else { u32::MAX });
         let settings = Settings { pixels: self.pixels(), pilot_spp };

@@ -135,6 +135,9 @@ pub struct RunSettings {
     /// The images that the render is for, instead of that of all lights. The plan and the noise limit are those of the worst.
     #[serde(skip)]
     pub captures: Vec<Capture>,
+    /// The number of the capture that the settings are of, from 0: each has noise of its own ([`RenderSettings::noise_frame`]).
+    #[serde(skip)]
+    pub capture: u32,
     /// Effects that were left out on purpose. They mark the outputs. The scene must have been built without them
     /// (`dunkelfeld::ProjectOptions::without`).
     pub without: Vec<Effect>,
@@ -293,10 +296,18 @@ impl RenderSettings {
         matches!(&self.sensor, SensorChoice::Emva { optics, model, .. } if optics.needs_spread(model.spec().pixel_pitch))
     }
 
+    /// The frame number of the sensor's noise: that of the render for the first capture.
+    pub fn noise_frame(&self) -> u32 {
+        // An odd factor: frames of a few thousand captures do not meet.
+        self.frame.wrapping_add(self.run.capture.wrapping_mul(0x9e37_79b9))
+    }
+
     /// The settings of a capture: its exposure, and no groups.
     #[must_use]
     pub fn of_capture(&self, capture: &Capture) -> Self {
         let mut settings = self.clone();
+        let number = self.run.captures.iter().position(|other| other.name == capture.name);
+        settings.run.capture = number.unwrap_or(0) as u32;
         (settings.run.light_groups, settings.run.captures) = (Vec::new(), Vec::new());
         if let SensorChoice::Emva { exposure, .. } = &mut settings.sensor {
             *exposure = capture.exposure;

@@ -12,7 +12,7 @@ use crate::media::solid::Solid;
 use crate::query::surface::CompiledMaterial;
 use crate::scene::{Part, Placement};
 use dunkelfeld_bvh::{Bvh, BvhInstance, InstanceMotion, MeshTree};
-use dunkelfeld_geometry::{Aabb, DAffine3, DVec3, Mesh, Threads, Transform, Vec3};
+use dunkelfeld_geometry::{Aabb, DAffine3, DMat3, DVec3, Mesh, Threads, Transform, Vec3};
 use std::sync::Arc;
 
 /// Meshes used more than once are also moved to render space if their copies have at most this many triangles together.
@@ -100,7 +100,9 @@ impl PlacedScene {
         let in_render = |t: &Transform| to_render * *t.to_world();
         let frame = |m: usize, t: &Transform| {
             let DAffine3 { matrix3, translation } = in_render(t);
-            let in_metres = DAffine3 { matrix3: matrix3 * (1.0 / matrix3.determinant().abs().cbrt()), translation };
+            // Lengths are those of the world along each axis of the object.
+            let axes = [matrix3.x_axis, matrix3.y_axis, matrix3.z_axis].map(|axis| axis.normalize_or_zero());
+            let in_metres = DAffine3 { matrix3: DMat3::from_cols(axes[0], axes[1], axes[2]), translation };
             Transform::new(in_metres).ok().filter(|_| has_frame(meshes[m].material)).map(Box::new)
         };
         // Parts of the shared tree come first, so that their triangles are numbered without gaps.

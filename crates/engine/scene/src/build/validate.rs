@@ -132,8 +132,7 @@ fn check_material(m: &Material) -> Result<(), BuildError> {
     require(m.emission_profile.is_valid(), place, "the emission profile must have angles in its range")?;
     if let Some(finish) = &m.finish {
         require(finish.is_valid(), place, "the lengths of a finish must be above 0, and its directions not zero")?;
-        let is_opaque = m.transmission.factor == 0.0 && m.diffuse_transmission.share.factor == 0.0;
-        require(is_opaque, place, "a finish needs a surface that no light passes")?;
+        require(m.is_opaque(), place, "a finish needs a surface that no light passes")?;
     }
     let is_grain = m.anisotropy.grain.is_none_or(|grain| grain.is_valid());
     require(is_grain, place, "the direction of a grain must not be zero")?;

@@ -4,8 +4,8 @@
 //! turns slopes below the size of a pixel into roughness (Dupuy et al. 2013, LEADR mapping) is not used: it widens the tail of GGX
 //! with its core. In a dark field, which sees the tail alone, metal of roughness 0.15 would be seven times too bright.
 
-use dunkelfeld_geometry::Vec3;
-use dunkelfeld_lanes::{Frame, Lanes, MAX_WIDTH, V3, cos_sin_of_turn, pow};
+use dunkelfeld_geometry::{Mat3, Vec3};
+use dunkelfeld_lanes::{Frame, Lanes, MAX_WIDTH, Mask, V3, cos_sin_of_turn, pow};
 use dunkelfeld_sampling::hash_u64;
 use std::f32::consts::{FRAC_1_SQRT_2, PI, TAU};
 
@@ -118,8 +118,11 @@ pub enum Process {
 pub(crate) struct Slopes<F: Lanes> {
     /// A tangent vector along the steepest ascent, as long as the slope.
     pub(crate) slope: V3<F>,
-    /// The unit tangent across the grooves.
-    pub(crate) across: V3<F>,
+    /// The unit tangent across the grooves; `None` without a direction.
+    pub(crate) across: Option<V3<F>>,
+    /// The visible area of the slope over that of the plane, divided by its mean over the slopes that are seen: the masking of
+    /// Smith (1967). It keeps the energy at each view.
+    pub(crate) visible: F,
 }
 
 /// A finish with all values precomputed that do not depend on the place.
@@ -149,13 +152,20 @@ impl Relief {
         }
     }
 
-    /// The slopes at points \[m\] with unit normals.
+    /// The slopes at points \[m\] with unit normals, for viewers in directions divided by their cosines.
     #[inline(always)]
-    pub(crate) fn slopes<F: Lanes>(&self, token: F::Token, points: V3<F>, normals: V3<F>) -> Slopes<F> {
-        match self {
-            Self::Cusps(cusps) => cusps.slopes(token, points, normals),
-            Self::Waves(waves) => waves.slopes(token, points, normals),
-        }
+    pub(crate) fn slopes<F: Lanes>(
+        &self,
+        token: F::Token,
+        (points, normals): (V3<F>, V3<F>),
+        views: V3<F>,
+    ) -> Slopes<F> {
+        let (slope, across, mean) = match self {
+            Self::Cusps(cusps) => cusps.slopes(token, points, normals, views),
+            Self::Waves(waves) => waves.slopes(token, points, normals, views),
+        };
+        let visible = slope.dot(views).one_minus().max(F::splat(token, 0.0)) / mean;
+        Slopes { slope, across, visible }
     }
 }
 
@@ -213,23 +223,38 @@ impl Cusps {
         }
     }
 
+    /// Slopes, tangents across, and means of visible areas.
     #[inline(always)]
-    fn slopes<F: Lanes>(&self, token: F::Token, points: V3<F>, normals: V3<F>) -> Slopes<F> {
+    fn slopes<F: Lanes>(
+        &self,
+        token: F::Token,
+        points: V3<F>,
+        normals: V3<F>,
+        views: V3<F>,
+    ) -> (V3<F>, Option<V3<F>>, F) {
         let (points, normals) = (points.to_lanes(), normals.to_lanes());
-        let [mut slope, mut across] = [[Vec3::ZERO; MAX_WIDTH]; 2];
+        let [mut slope, mut across, mut steepest] = [[Vec3::ZERO; MAX_WIDTH]; 3];
         for lane in 0..F::WIDTH {
-            [slope[lane], across[lane]] = self.slope(points[lane], normals[lane]);
+            [slope[lane], across[lane], steepest[lane]] = self.slope(points[lane], normals[lane]);
         }
-        Slopes { slope: V3::from_lanes(token, &slope), across: V3::from_lanes(token, &across) }
+        let [slope, across, steepest] = [slope, across, steepest].map(
+            #[inline(always)]
+            |v| V3::<F>::from_lanes(token, &v),
+        );
+        // The mean of max(0, 1 - s) over an even distribution of s from -u to u.
+        let u = steepest.dot(views).abs().max(F::splat(token, 1.0));
+        (slope, Some(across), (u + 1.0) * (u + 1.0) / (u * 4.0))
     }
 
-    /// The slope at a point, and the unit tangent across the grooves.
-    fn slope(&self, point: Vec3, normal: Vec3) -> [Vec3; 2] {
+    /// The slope at a point, the unit tangent across the grooves, and the steepest slope.
+    fn slope(&self, point: Vec3, normal: Vec3) -> [Vec3; 3] {
         let (path, gradient) = self.path(point, normal);
         let tangent = gradient - normal * normal.dot(gradient);
-        let Some(across) = tangent.try_normalize() else { return [Vec3::ZERO, normal.any_orthonormal_vector()] };
-        let phase = path / self.feed;
-        [tangent * (8.0 * self.height / self.feed * (phase - phase.floor() - 0.5)), across]
+        let Some(across) = tangent.try_normalize() else {
+            return [Vec3::ZERO, normal.any_orthonormal_vector(), Vec3::ZERO];
+        };
+        let (phase, steepest) = (path / self.feed, tangent * (4.0 * self.height / self.feed));
+        [steepest * (2.0 * (phase - phase.floor() - 0.5)), across, steepest]
     }
 }
 
@@ -249,6 +274,8 @@ pub(crate) struct Waves {
     amplitudes: Vec<f32>,
     /// The unit direction of the grooves, if there are any.
     along: Option<Vec3>,
+    /// The covariance of the slopes.
+    covariance: Mat3,
 }
 
 impl Waves {
@@ -279,15 +306,24 @@ impl Waves {
         let squares: f32 = amplitudes.iter().map(|a| 0.5 * a * a).sum();
         let scale = mean_deviation * (0.5 * PI / squares).sqrt();
         amplitudes.iter_mut().for_each(|a| *a *= scale);
-        Self { vectors, phases, amplitudes, along: grooves.map(|(along, _)| along) }
+        let of_wave = |(v, a): (&Vec3, &f32)| Mat3::from_cols(*v * v.x, *v * v.y, *v * v.z) * (0.5 * TAU * TAU * a * a);
+        let covariance = vectors.iter().zip(&amplitudes).map(of_wave).sum();
+        Self { vectors, phases, amplitudes, along: grooves.map(|(along, _)| along), covariance }
     }
 
+    /// Slopes, tangents across, and means of visible areas.
     #[inline(always)]
-    fn slopes<F: Lanes>(&self, token: F::Token, points: V3<F>, normals: V3<F>) -> Slopes<F> {
-        let mut across = Frame::from_normal(normals).tangent;
-        if let Some(along) = self.along {
-            across = normals.cross(V3::splat(token, along)).normalize_or(across);
-        }
+    fn slopes<F: Lanes>(
+        &self,
+        token: F::Token,
+        points: V3<F>,
+        normals: V3<F>,
+        views: V3<F>,
+    ) -> (V3<F>, Option<V3<F>>, F) {
+        let across = self.along.map(
+            #[inline(always)]
+            |along| normals.cross(V3::splat(token, along)).normalize_or(Frame::from_normal(normals).tangent),
+        );
         let mut slope = V3::splat(token, Vec3::ZERO);
         for ((vector, phase), amplitude) in self.vectors.iter().zip(&self.phases).zip(&self.amplitudes) {
             let vector = V3::splat(token, *vector);
@@ -295,8 +331,27 @@ impl Waves {
             let (_, sin) = cos_sin_of_turn(turns - turns.floor());
             slope = slope - vector * (sin * (TAU * amplitude));
         }
-        Slopes { slope: slope - normals * normals.dot(slope), across }
+        let tangential = views - normals * normals.dot(views);
+        let Mat3 { x_axis, y_axis, z_axis } = self.covariance;
+        let of_axis = [x_axis, y_axis, z_axis].map(
+            #[inline(always)]
+            |column| V3::splat(token, column).dot(tangential),
+        );
+        let [x, y, z] = of_axis;
+        let deviation = V3::new(x, y, z).dot(tangential).max(F::splat(token, 0.0)).sqrt();
+        (slope - normals * normals.dot(slope), across, mean_visible(deviation))
     }
+}
+
+/// The mean of max(0, 1 - s) over a normal distribution of s with a standard deviation: 1 + Lambda of Smith (1967), in the
+/// approximation of Walter et al. (2007), whose error is below 0.4 %.
+#[inline(always)]
+fn mean_visible<F: Lanes>(deviation: F) -> F {
+    let one = deviation.constant(1.0);
+    // One over the slope of Beckmann, at most 1.6: there Lambda is 0.
+    let a = (deviation * std::f32::consts::SQRT_2).max(deviation.constant(1.0 / 1.6)).recip();
+    let lambda = (a * (a * 0.396 + -1.259) + 1.0) / (a * (a * 2.181 + 3.535));
+    deviation.gt(deviation.constant(FRAC_1_SQRT_2 / 1.6)).select(lambda + 1.0, one)
 }
 
 /// A random number in `[0, 1)` of a seed.
@@ -313,8 +368,9 @@ mod tests {
     impl Relief {
         /// The slope, and the tangent across.
         fn at(&self, point: Vec3, normal: Vec3) -> [Vec3; 2] {
-            let Slopes { slope, across } = self.slopes::<f32>((), point.into(), normal.into());
-            [slope.into(), across.into()]
+            let Slopes { slope, across, .. } = self.slopes::<f32>((), (point.into(), normal.into()), normal.into());
+            let across = across.map_or_else(|| normal.any_orthonormal_vector(), Into::into);
+            [slope.into(), across]
         }
 
         fn height(&self, point: Vec3, normal: Vec3) -> f32 {

@@ -235,6 +235,11 @@ impl Material {
         self.metallic.factor >= 1.0 && self.metallic.texture.is_none()
     }
 
+    /// True if no light passes the surface.
+    pub fn is_opaque(&self) -> bool {
+        self.is_metal() || (self.transmission.factor <= 0.0 && self.diffuse_transmission.share.factor <= 0.0)
+    }
+
     /// True if the surface is smooth at all places: then it refracts and reflects in single directions.
     pub fn is_smooth(&self) -> bool {
         self.roughness.factor < SMOOTH_ROUGHNESS && self.roughness.texture.is_none()

@@ -233,9 +233,8 @@ impl Scene {
         let mut visible = None;
         if let Some(relief) = &compiled.relief {
             is_bent = all;
-            let (finished, slope) = self.finished(token, relief, points, frame.normal);
-            frame = finished;
-            visible = Some((slope.dot(wo) / points.normal.dot(wo)).one_minus().max(wo.x.constant(0.0)));
+            let (finished, seen) = self.finished(token, relief, (points, wo), frame);
+            (frame, visible) = (finished, Some(seen));
         }
         if is_bent.any() {
             let (normal, is_turned) = visible_normals(frame.normal, points.normal, wo);
@@ -283,18 +282,19 @@ impl Scene {
         V3::select(is_some & points.is_smooth, unit, points.normal)
     }
 
-    /// Frames of points with a finish, from their shading normals: normal to the slopes of its height field, with tangents across
-    /// its grooves. The second value are the slopes, as tangent vectors along the steepest ascent.
+    /// Frames of points with a finish, from their shading frames: normal to the slopes of its height field, with tangents across
+    /// its grooves. The second value is [`ShadingLanes::visible`] for the directions `wo`.
     #[inline(never)]
     fn finished<F: Lanes>(
         &self,
         token: F::Token,
         relief: &Relief,
-        points: &SurfacePoints<F>,
-        normals: V3<F>,
-    ) -> (Frame<F>, V3<F>) {
+        (points, wo): (&SurfacePoints<F>, V3<F>),
+        frame: Frame<F>,
+    ) -> (Frame<F>, F) {
         vectorize!(F, token, {
-            let [mut places, mut facets] = [[Vec3::ZERO; MAX_WIDTH]; 2];
+            let seen = wo.to_lanes();
+            let [mut places, mut facets, mut views] = [[Vec3::ZERO; MAX_WIDTH]; 3];
             let mut frames = [Transform::IDENTITY; MAX_WIDTH];
             for lane in 0..F::WIDTH {
                 let p = points.lane(lane);
@@ -302,16 +302,17 @@ impl Scene {
                 frames[lane] = frame.unwrap_or(Transform::IDENTITY);
                 let to_object = frames[lane].inverse();
                 (places[lane], facets[lane]) = (to_object.point(p.point), to_object.normal(p.normal));
+                views[lane] = to_object.vector(seen[lane]) / p.normal.dot(seen[lane]);
             }
-            let Slopes { slope, across } =
-                relief.slopes::<F>(token, V3::from_lanes(token, &places), V3::from_lanes(token, &facets));
-            let (mut slope, mut across) = (slope.to_lanes(), across.to_lanes());
-            for lane in 0..F::WIDTH {
-                slope[lane] = frames[lane].vector(slope[lane]);
-                across[lane] = frames[lane].vector(across[lane]);
-            }
-            let slope = V3::from_lanes(token, &slope);
-            (Frame::from_normal_tangent((normals - slope).normalize(), V3::from_lanes(token, &across)), slope)
+            let at = (V3::from_lanes(token, &places), V3::from_lanes(token, &facets));
+            let Slopes { slope, across, visible } = relief.slopes::<F>(token, at, V3::from_lanes(token, &views));
+            let turned = |v: V3<F>| {
+                let mut v = v.to_lanes();
+                (0..F::WIDTH).for_each(|lane| v[lane] = frames[lane].vector(v[lane]));
+                V3::from_lanes(token, &v)
+            };
+            let tangent = across.map_or(frame.tangent, turned);
+            (Frame::from_normal_tangent((frame.normal - turned(slope)).normalize(), tangent), visible)
         })
     }
 

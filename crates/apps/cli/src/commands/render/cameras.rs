@@ -71,7 +71,12 @@ pub(super) fn run(
     started: Instant,
     (sink, cancel): (&Sink, &Cancel),
 ) -> Result<Outcome, Error> {
-    let files: Vec<OutputPaths> = turns.iter().map(|turn| turn.outputs.clone()).collect();
+    let captures = project.capture_names();
+    let of_turn = |turn: &Turn| match captures.as_slice() {
+        [] => vec![turn.outputs.clone()],
+        names => names.iter().map(|name| turn.outputs.for_camera(name)).collect(),
+    };
+    let files: Vec<OutputPaths> = turns.iter().flat_map(of_turn).collect();
     project.check_outputs_of_all(&files)?;
     let (total, count) = (project.settings.budget.seconds, turns.len());
     let mut worst = Outcome::Done;

@@ -51,8 +51,13 @@ impl Job {
             }
             found = true;
             apply(change, material);
+            if change.layers.grain.is_some() && change.layers.finish.is_none() && material.finish.is_some() {
+                let problem =
+                    format!("the finish of material \"{}\" has its grain from an earlier entry", material.name);
+                return Err(self.material_error(i, "grain", problem, "write `finish` in this entry again"));
+            }
             if let Some(finish) = &change.layers.finish {
-                if material.transmission.factor > 0.0 || material.diffuse_transmission.share.factor > 0.0 {
+                if !material.is_opaque() {
                     let problem = format!("light passes material \"{}\"", material.name);
                     let help = "use `roughness`: a finish needs an opaque surface";
                     return Err(self.material_error(i, "finish", problem, help));

@@ -4,7 +4,10 @@ use super::check;
 use super::place::point;
 use dunkelfeld_geometry::{DVec3, Vec3};
 use dunkelfeld_scene::{Finish, Grain, Process};
+use serde::de::value::{MapAccessDeserializer, StrDeserializer};
+use serde::de::{Error, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer};
+use std::fmt;
 
 /// `grain`: the direction of the grooves in the frame of the object, or the axis that they run about.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
@@ -78,15 +81,6 @@ pub enum FinishKind {
 impl<'de> Deserialize<'de> for FinishSettings {
     fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
         #[derive(Deserialize)]
-        #[serde(
-            untagged,
-            expecting = "write \"milled\", \"turned\", \"ground\", \"brushed\", \"blasted\" or \"cast\", or a table such as { kind = \"milled\", feed = \"0.2mm\", ra = \"1.6um\" } with the keys feed, tool_diameter, size, length, ra and seed"
-        )]
-        enum Written {
-            Kind(FinishKind),
-            Table(Table),
-        }
-        #[derive(Deserialize)]
         #[serde(deny_unknown_fields)]
         struct Table {
             kind: FinishKind,
@@ -103,14 +97,33 @@ impl<'de> Deserialize<'de> for FinishSettings {
             #[serde(default)]
             seed: u32,
         }
-        Ok(match Written::deserialize(d)? {
-            Written::Kind(kind) => {
-                Self { kind, feed: None, tool_diameter: None, size: None, length: None, ra: None, seed: 0 }
+        struct FinishVisitor;
+        impl<'de> Visitor<'de> for FinishVisitor {
+            type Value = FinishSettings;
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str(
+                    "the name of a finish, or a table such as { kind = \"milled\", feed = \"0.2mm\", ra = \"1.6um\" }",
+                )
             }
-            Written::Table(Table { kind, feed, tool_diameter, size, length, ra, seed }) => {
-                Self { kind, feed, tool_diameter, size, length, ra, seed }
+            fn visit_str<E: Error>(self, name: &str) -> Result<FinishSettings, E> {
+                let kind = FinishKind::deserialize(StrDeserializer::new(name))?;
+                Ok(FinishSettings {
+                    kind,
+                    feed: None,
+                    tool_diameter: None,
+                    size: None,
+                    length: None,
+                    ra: None,
+                    seed: 0,
+                })
             }
-        })
+            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<FinishSettings, A::Error> {
+                let table = Table::deserialize(MapAccessDeserializer::new(map))?;
+                let Table { kind, feed, tool_diameter, size, length, ra, seed } = table;
+                Ok(FinishSettings { kind, feed, tool_diameter, size, length, ra, seed })
+            }
+        }
+        d.deserialize_any(FinishVisitor)
     }
 }
 
@@ -164,13 +177,12 @@ impl FinishSettings {
             FinishKind::Turned => {
                 foreign(&[tool, size_key, length])?;
                 let (axis, origin) = match grain {
-                    None => (Vec3::Z, Vec3::ZERO),
                     Some(Grain::Around { axis, origin }) => (axis, origin),
-                    Some(Grain::Straight(_)) => {
+                    None | Some(Grain::Straight(_)) => {
                         return Err([
                             "grain",
                             "turning runs about an axis",
-                            "write grain = { axis = [0, 0, 1], origin = [0, 0, 0] }",
+                            "write its axis in the frame of the object, such as grain = { axis = [0, 1, 0] }",
                         ]);
                     }
                 };
@@ -179,6 +191,9 @@ impl FinishSettings {
             FinishKind::Ground | FinishKind::Brushed => {
                 foreign(&[feed_key, tool])?;
                 let length = self.length.unwrap_or(if self.kind == FinishKind::Ground { 3e-3 } else { 20e-3 });
+                if length < f64::from(size) {
+                    return Err(["finish", "the `length` of a groove is less than its `size`", "write a longer one"]);
+                }
                 Process::Grooved { width: size, length: length as f32, direction: straight()? }
             }
             FinishKind::Blasted | FinishKind::Cast => {
