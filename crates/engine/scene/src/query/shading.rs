@@ -302,7 +302,9 @@ impl Scene {
                 frames[lane] = frame.unwrap_or(Transform::IDENTITY);
                 let to_object = frames[lane].inverse();
                 (places[lane], facets[lane]) = (to_object.point(p.point), to_object.normal(p.normal));
-                views[lane] = to_object.vector(seen[lane]) / p.normal.dot(seen[lane]);
+                // A view in the plane has no direction over its cosine.
+                let cos = p.normal.dot(seen[lane]);
+                views[lane] = to_object.vector(seen[lane]) / cos.abs().max(LEAST_COSINE).copysign(cos);
             }
             let at = (V3::from_lanes(token, &places), V3::from_lanes(token, &facets));
             let Slopes { slope, across, visible } = relief.slopes::<F>(token, at, V3::from_lanes(token, &views));
@@ -444,6 +446,8 @@ impl Scene {
     }
 }
 
+/// The least cosine of a view at which the slopes of a finish are masked.
+const LEAST_COSINE: f32 = 1e-4;
 /// The least cosine between the direction to the viewer and a shading normal, as a share of that to the geometric one.
 const MIN_COSINE: f32 = 0.2;
 
