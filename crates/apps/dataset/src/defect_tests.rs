@@ -59,7 +59,7 @@ fn a_key_that_the_kind_does_not_use_is_refused() {
     for (kind, key, known) in [
         ("stain", "width", "length, strength, roughness, color, metallic, facing"),
         ("dust", "depth", "length, roughness, color, metallic, facing"),
-        ("scratch", "strength", "length, width, depth, angle, curvature, roughness, color, metallic, facing"),
+        ("scratch", "strength", "length, width, depth, angle, curvature, burr, roughness, color, metallic, facing"),
         ("dent", "angle", "length, depth, roughness, color, metallic, facing"),
         ("bubble", "color", "length, roughness"),
         ("missing", "length", "none"),

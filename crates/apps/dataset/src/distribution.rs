@@ -148,6 +148,15 @@ impl Template {
         }
     }
 
+    /// The texts of a key of a table, as [`Self::texts`].
+    pub(crate) fn texts_of(&self, key: &str) -> Vec<String> {
+        match self {
+            Self::Table(keys) => keys.get(key).map_or_else(Vec::new, Self::texts),
+            Self::Fixed(Value::Table(keys)) => keys.get(key).map_or_else(Vec::new, texts),
+            _ => Vec::new(),
+        }
+    }
+
     fn fixed(&self) -> Option<Value> {
         match self {
             Self::Fixed(value) => Some(value.clone()),

@@ -494,6 +494,7 @@ impl Worker {
                     contrast: known.map(|v| v.contrast),
                     contrast_error: seen.and_then(|v| v.error),
                     cnr: known.and_then(|v| v.cnr),
+                    cnr_error: known.and_then(|v| v.cnr_error),
                     size_mm: defect.map(|d| d.placed.extent * 1e3),
                     defect: defect.map(|d| d.kind.clone()),
                     matrix: None,

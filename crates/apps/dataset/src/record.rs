@@ -112,6 +112,8 @@ pub struct InstanceRecord {
     pub contrast_error: Option<f64>,
     /// Magnitude of the contrast, less the share of the error, over the temporal noise of a pixel. `None` where `contrast` is.
     pub cnr: Option<f64>,
+    /// Standard error of `cnr` by the noise of the render.
+    pub cnr_error: Option<f64>,
     /// Largest extent of a defect \[mm\].
     pub size_mm: Option<f64>,
     /// Kind of a defect.

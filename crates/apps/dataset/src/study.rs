@@ -2,6 +2,7 @@
 
 use crate::cameras::change_cameras;
 use crate::defect::entries;
+use crate::defects::Defect;
 use crate::distribution::{Fault, Named, Template};
 use crate::draws::Draws;
 use crate::expression::check_name;
@@ -10,10 +11,13 @@ use crate::named::NamedDraws;
 use crate::stable_text::stable_text;
 use dunkelfeld::{Error, Project};
 use dunkelfeld_io::InputError;
+use dunkelfeld_io::images::decode_image;
 use dunkelfeld_io::input::{InputFiles, Role};
 use dunkelfeld_io::job::Job;
+use dunkelfeld_io::loader::Limits;
 use dunkelfeld_io::toml_file::TomlFile;
 use dunkelfeld_sampling::hash_u64;
+use dunkelfeld_scene::Image;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -204,6 +208,8 @@ pub struct Study {
     job_path: PathBuf,
     hash: String,
     inputs: InputFiles,
+    /// The pictures of decals, by their paths as the study has them.
+    pictures: BTreeMap<String, Image>,
 }
 
 /// A job with all values drawn.
@@ -293,7 +299,9 @@ impl Study {
         let name = name_of(&source, study.name)?;
         let own = stable_text(source.text(), &name);
         let text = format!("{name}\n{}\n{own}", toml::to_string(&base).unwrap_or_default());
+        let pictures = pictures_of(&source, &defect, &folder, &mut inputs)?;
         let study = Self {
+            pictures,
             name,
             count,
             seed: study.seed,
@@ -398,6 +406,11 @@ impl Study {
         NamedDraws::new(&self.draw, draws)
     }
 
+    /// The picture of a decal.
+    pub(crate) fn picture(&self, defect: &Defect) -> Option<Image> {
+        if let Defect::Decal(decal) = defect { self.pictures.get(&decal.image).cloned() } else { None }
+    }
+
     /// May the images have different devices?
     pub(crate) fn has_devices(&self) -> bool {
         self.device != Device::One
@@ -481,6 +494,29 @@ fn base_of(source: &TomlFile, path: &Path, inputs: &mut InputFiles) -> Result<Ta
     let mut table: Table = file.parse()?;
     OWN_KEYS.iter().for_each(|(key, _)| drop(table.remove(*key)));
     Ok(table)
+}
+
+/// The pictures that the decals of a study name.
+fn pictures_of(
+    source: &TomlFile,
+    defects: &[Template],
+    folder: &Path,
+    inputs: &mut InputFiles,
+) -> Result<BTreeMap<String, Image>, InputError> {
+    let limits = Limits::default();
+    let mut pictures = BTreeMap::new();
+    for (number, defect) in defects.iter().enumerate() {
+        for name in defect.texts_of("image") {
+            let at = |problem: String, help: &str| {
+                source.error_at_key(&["study", "defect", &number.to_string(), "image"], format!("{name}: {problem}"), help)
+            };
+            let path = folder.join(&name);
+            let bytes = inputs.read(&path, Role::Texture, limits.file_bytes).map_err(|e| at(e.problem(), e.help(&path)))?;
+            let decoded = decode_image(&bytes, &name, &limits).map_err(|e| at(e.problem, &e.help))?;
+            pictures.insert(name, decoded.image);
+        }
+    }
+    Ok(pictures)
 }
 
 /// The name of a study, by default that of its file.

@@ -65,8 +65,42 @@ impl Harmonics {
         Self { waves: (first..=last).map(wave).collect() }
     }
 
+    /// The function that is zero.
+    pub(super) fn none() -> Self {
+        Self { waves: Vec::new() }
+    }
+
     /// The value at `t`.
     pub(super) fn at(&self, t: f64) -> f64 {
         self.waves.iter().map(|[k, size, phase]| size * (TAU * k * t + phase).sin()).sum()
+    }
+}
+
+/// A smooth random function of two variables with mean zero: plane waves in random directions.
+pub(super) struct Waves {
+    /// Wave vector \[rad/m\], amplitude and phase \[rad\] of each wave.
+    waves: Vec<[f64; 4]>,
+}
+
+impl Waves {
+    /// Waves from the longest to the shortest of two lengths \[m\], whose amplitudes are proportional to the length and add up to
+    /// at most `amplitude`.
+    pub(super) fn draw(stream: &mut Pcg, [longest, shortest]: [f64; 2], amplitude: f64) -> Self {
+        const COUNT: u32 = 12;
+        let wave = |k: u32| {
+            let share = (shortest / longest).powf(f64::from(k) / f64::from(COUNT - 1));
+            let (sin, cos) = angle(stream).sin_cos();
+            let number = TAU / (share * longest);
+            [number * cos, number * sin, share, angle(stream)]
+        };
+        let mut waves: Vec<[f64; 4]> = (0..COUNT).map(wave).collect();
+        let sum: f64 = waves.iter().map(|wave| wave[2]).sum();
+        waves.iter_mut().for_each(|wave| wave[2] *= amplitude / sum);
+        Self { waves }
+    }
+
+    /// The value at a place \[m\].
+    pub(super) fn at(&self, x: f64, y: f64) -> f64 {
+        self.waves.iter().map(|[kx, ky, size, phase]| size * (kx * x + ky * y + phase).sin()).sum()
     }
 }

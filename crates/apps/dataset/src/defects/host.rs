@@ -2,15 +2,19 @@
 
 use super::draw;
 use super::material::{self, is_absent};
+use super::pieces::Pieces;
 use super::spec::DefectSpec;
 use super::surface::{corners_of, oriented_area};
 use crate::distribution::Fault;
 use dunkelfeld_geometry::DVec3;
 use dunkelfeld_sampling::Pcg;
-use dunkelfeld_scene::{Material, SceneBuilder};
+use dunkelfeld_scene::{Material, MeshPart, SceneBuilder};
 
 /// Smallest cosine between a normal and the direction that it must face: 60 degrees.
 const LEAST_COSINE: f64 = 0.5;
+
+/// Largest cosine between the normals on both sides of a sharp edge: 20 degrees.
+const SHARP: f64 = 0.94;
 
 /// A drawn point of a surface.
 #[derive(Clone, Copy, Debug)]
@@ -21,8 +25,10 @@ pub(super) struct Anchor {
     pub(super) part: usize,
     /// Position in the world at time 0 \[m\].
     pub(super) point: DVec3,
-    /// Unit normal of the triangle in the world.
+    /// Unit normal of the triangle in the world; on an edge the mean of both.
     pub(super) normal: DVec3,
+    /// Unit direction of the edge, for a point on an edge.
+    pub(super) edge: Option<DVec3>,
 }
 
 /// The triangles of the candidates with their areas in the world.
@@ -91,7 +97,52 @@ impl AreaTable {
         // Uniform by area: Turk (1990).
         let root = u.sqrt();
         let point = a * (1.0 - root) + b * (root * (1.0 - v)) + c * (root * v);
-        Some(Anchor { instance: index, part, point, normal })
+        Some(Anchor { instance: index, part, point, normal, edge: None })
+    }
+}
+
+/// The sharp convex edges of the candidates with their lengths in the world.
+pub(super) struct EdgeTable {
+    /// The start of each edge, and its length \[m\].
+    edges: Vec<(Anchor, f64)>,
+    /// Sums of the lengths \[m\].
+    cumulative: Vec<f64>,
+}
+
+impl EdgeTable {
+    /// All edges of the candidates that face the direction.
+    ///
+    /// # Errors
+    /// If a candidate emits light, or if no edge is left.
+    pub(super) fn new(scene: &SceneBuilder, spec: &DefectSpec) -> Result<Self, Fault> {
+        refuse_emitters(scene, &spec.on)?;
+        let facing = spec.defect.facing();
+        let (mut table, mut sum) = (Self { edges: Vec::new(), cumulative: Vec::new() }, 0.0);
+        for (index, instance) in spec.on.iter().filter_map(|i| Some((*i, scene.instances.get(*i)?))) {
+            for &part in &instance.meshes {
+                let present = |m: &&MeshPart| scene.materials.get(m.material).is_some_and(|m| !is_absent(m));
+                let Some(m) = scene.meshes.get(part).filter(present) else { continue };
+                let Some(pieces) = Pieces::new(&m.mesh, &instance.to_world) else { continue };
+                for (point, way, normal) in pieces.convex_edges(SHARP) {
+                    let Some(edge) = way.try_normalize() else { continue };
+                    if facing.is_none_or(|f| normal.dot(f) >= LEAST_COSINE) {
+                        sum += way.length();
+                        table.edges.push((Anchor { instance: index, part, point, normal, edge: Some(edge) }, way.length()));
+                        table.cumulative.push(sum);
+                    }
+                }
+            }
+        }
+        let problem = "the candidates have no sharp convex edge that faces the direction";
+        let help = "name objects with edges above 20 degrees between two triangles that share both corners";
+        (!table.edges.is_empty()).then_some(table).ok_or_else(|| Fault::new(problem, help).below("on"))
+    }
+
+    /// A point that is uniform by length.
+    pub(super) fn draw(&self, stream: &mut Pcg) -> Option<Anchor> {
+        let (anchor, length) = self.edges.get(draw::entry(stream, &self.cumulative))?;
+        let way = anchor.edge? * (draw::uniform(stream) * length);
+        Some(Anchor { point: anchor.point + way, ..*anchor })
     }
 }
 

@@ -27,6 +27,11 @@ pub(super) fn is_clear(m: &Material) -> bool {
     m.is_smooth() && is_whole && m.metallic.factor <= 0.0 && m.metallic.texture.is_none()
 }
 
+/// True if nothing of a surface depends on the frame of its body, so that a patch above it looks the same.
+pub(super) fn is_plain(m: &Material) -> bool {
+    m.finish.is_none() && m.anisotropy.grain.is_none()
+}
+
 /// The volume of a solid that light can enter.
 pub(super) fn clear_volume(m: &Material) -> Option<Volume> {
     match m.surface {
@@ -59,11 +64,12 @@ pub(super) fn like_surface(host: &Material, finish: &Finish<'_>, has_uvs: bool) 
     m
 }
 
-/// The walls of a scratch in an opaque surface: as [`like_surface`], without normal map and coat, with the roughness of
-/// a cut.
+/// Walls that a tool or a break has left in an opaque surface: as [`like_surface`], without normal map, finish and coat, with the
+/// roughness of a cut.
 pub(super) fn cut(host: &Material, finish: &Finish<'_>, has_uvs: bool) -> Material {
     let mut m = like_surface(host, finish, has_uvs);
     (m.normal_map.texture, m.anisotropy.strength, m.clearcoat.strength.factor) = (None, 0.0.into(), 0.0);
+    m.finish = None;
     m.roughness = finish.roughness.unwrap_or(SCRATCH_ROUGHNESS).into();
     m
 }
@@ -80,7 +86,7 @@ pub(super) fn own(finish: &Finish<'_>, color: Rgb, roughness: f32) -> Material {
     m
 }
 
-fn override_with(m: &mut Material, finish: &Finish<'_>) {
+pub(super) fn override_with(m: &mut Material, finish: &Finish<'_>) {
     if let Some(roughness) = finish.roughness {
         m.roughness = roughness.into();
     }

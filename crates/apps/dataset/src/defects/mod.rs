@@ -5,9 +5,14 @@
 //!
 //! | kind | length | width | depth | made of |
 //! |---|---|---|---|---|
-//! | scratch | along the curve | across, in its middle | of the groove | opaque body: a strip with two ridges of the height `depth`; clear solid: a groove of air |
+//! | scratch | along the curve | across, in its middle | of the groove | opaque body: a strip with two ridges of the height `depth`, or a groove with burrs in its mesh; clear solid: a groove of air |
 //! | dent | diameter | not used | in its middle | opaque body: a hollow, or with small slopes a round patch with its shading normals; clear solid: a hollow of air |
+//! | pore | diameter | not used | in its middle | opaque body: a pit in its mesh |
+//! | chip | along the edge | not used | below the edge | opaque body: a part of its edge is gone |
+//! | chatter | diameter | not used | from crest to valley | opaque body: waves in its mesh |
+//! | cold shut | along the curve | across | of the groove | opaque body: a groove in its mesh |
 //! | stain | largest extent, to 20 % | not used | not used | a patch with partial coverage |
+//! | decal | of a row of the picture | not used | not used | a patch with the picture as texture |
 //! | dust | largest extent | not used | not used | an irregular particle on the surface |
 //! | fibre | along the curve | thickness | not used | a curved tube on the surface |
 //! | bubble | diameter | not used | not used | a sphere of gas in a clear solid |
@@ -18,16 +23,19 @@
 //!
 //! Lengths are metres in the world. Angles are radians. A defect on a body that moves has the motion of the body.
 
+mod carve;
 mod change;
-mod cut;
+mod decal;
 mod draw;
 mod host;
 mod material;
 mod particle;
 mod patch;
+mod pieces;
 mod place;
 mod round;
 mod scratch;
+mod shapes;
 mod shell;
 mod site;
 mod spec;
@@ -52,10 +60,8 @@ use dunkelfeld_scene::SceneBuilder;
 pub(crate) fn add_defect(scene: &mut SceneBuilder, spec: &DefectSpec, stream: &mut Pcg) -> Result<PlacedDefect, Fault> {
     spec.defect.check()?;
     match &spec.defect {
-        Defect::Scratch(_) | Defect::Dent(_) | Defect::Stain(_) | Defect::Dust(_) | Defect::Fibre(_) => {
-            place::on_surface(scene, spec, stream)
-        }
         Defect::Bubble(_) | Defect::Inclusion(_) => volume::inside(scene, spec, stream),
         Defect::Missing(_) | Defect::Faded(_) | Defect::Shifted(_) => change::change(scene, spec, stream),
+        _ => place::on_surface(scene, spec, stream),
     }
 }

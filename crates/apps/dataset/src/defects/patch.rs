@@ -15,6 +15,8 @@ pub(super) struct Patch {
     pub(super) triangles: Vec<[u32; 3]>,
     /// From the points to the space of the mesh.
     pub(super) frame: DAffine3,
+    /// Texture coordinates of its own, of each point, and the set that they replace.
+    pub(super) own_uvs: Option<(usize, Vec<Vec2>)>,
 }
 
 impl Patch {
@@ -26,7 +28,7 @@ impl Patch {
             [[at(r, c), at(r + 1, c), at(r + 1, c + 1)], [at(r, c), at(r + 1, c + 1), at(r, c + 1)]]
         };
         let cells = (1..rows).flat_map(|r| (1..columns).map(move |c| (r - 1, c - 1)));
-        Self { feet, triangles: cells.flat_map(cell).collect(), frame: DAffine3::IDENTITY }
+        Self { feet, triangles: cells.flat_map(cell).collect(), frame: DAffine3::IDENTITY, own_uvs: None }
     }
 
     /// A middle point and rings around it, counter-clockwise from outside. Each ring has `spokes` points.
@@ -40,7 +42,7 @@ impl Patch {
                 triangles.extend([[a, b, at(k, j + 1)], [a, at(k, j + 1), at(k - 1, j + 1)]]);
             }
         }
-        Self { feet, triangles, frame: DAffine3::IDENTITY }
+        Self { feet, triangles, frame: DAffine3::IDENTITY, own_uvs: None }
     }
 
     /// The largest height \[m\] of the surface above the triangles between the points, at least 0. `None` if the
@@ -86,6 +88,10 @@ impl Patch {
         if is_reflected {
             mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
         }
+        if let Some((set, uvs)) = &self.own_uvs {
+            mesh.uvs[*set].clone_from(uvs);
+        }
+        let is_own = |set: usize| self.own_uvs.as_ref().is_some_and(|(own, _)| *own == set);
         let Some((part, below)) = source else { return (mesh, false) };
         if self.feet.iter().any(|f| surface.part_of(f) != part) {
             return (mesh, false);
@@ -98,19 +104,19 @@ impl Patch {
             mesh.tangents = self.feet.iter().map(|f| surface.tangent(f, &self.frame)).collect();
         }
         for set in 0..2 {
-            if below.uvs[set].len() == n {
+            if below.uvs[set].len() == n && !is_own(set) {
                 mesh.uvs[set] = self.feet.iter().map(|f| surface.uv(f.facet, f.weights, set)).collect();
             }
         }
-        self.cut_seams(surface, &mut mesh);
+        let sets: Vec<usize> = (0..2).filter(|set| !mesh.uvs[*set].is_empty() && !is_own(*set)).collect();
+        self.cut_seams(surface, &mut mesh, &sets);
         let has_uvs = !mesh.uvs[0].is_empty() || !mesh.uvs[1].is_empty();
         (mesh, has_uvs)
     }
 
     /// Gives each triangle across a seam of the texture coordinates vertices of its own. Their coordinates continue
     /// those of the triangle below its first corner.
-    fn cut_seams(&self, surface: &LocalSurface<'_>, mesh: &mut Mesh) {
-        let sets: Vec<usize> = (0..2).filter(|set| !mesh.uvs[*set].is_empty()).collect();
+    fn cut_seams(&self, surface: &LocalSurface<'_>, mesh: &mut Mesh, sets: &[usize]) {
         for t in 0..mesh.triangles.len() {
             let corners = mesh.triangles[t].map(|i| i as usize);
             let feet = corners.map(|i| &self.feet[i]);
@@ -137,7 +143,10 @@ impl Patch {
                 if !mesh.tangents.is_empty() {
                     mesh.tangents.push(mesh.tangents[i]);
                 }
-                for &set in &sets {
+                if let Some((own, uvs)) = &self.own_uvs {
+                    mesh.uvs[*own].push(uvs[i]);
+                }
+                for &set in sets {
                     let uv = continued(set)[k];
                     mesh.uvs[set].push(if uv.is_finite() { uv } else { Vec2::ZERO });
                 }

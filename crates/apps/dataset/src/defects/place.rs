@@ -1,12 +1,14 @@
 //! Defects on a surface: the search for a place with enough room.
 
 use super::change::own_part;
-use super::host::{Anchor, AreaTable};
+use super::host::{Anchor, AreaTable, EdgeTable};
 use super::material::{self, clear_volume, is_absent};
 use super::site::{Made, Site, extent_of, insert, rounding};
-use super::spec::{Defect, DefectSpec, Dent, Dust, Fibre, PlacedDefect, Scratch, Stain};
+use super::spec::{
+    Chatter, Chip, ColdShut, Decal, Defect, DefectSpec, Dent, Dust, Fibre, PlacedDefect, Pore, Scratch, Stain,
+};
 use super::surface::LocalSurface;
-use super::{particle, round, scratch};
+use super::{decal, particle, round, scratch, shapes};
 use crate::distribution::Fault;
 use dunkelfeld_geometry::{DAffine3, DVec3};
 use dunkelfeld_sampling::Pcg;
@@ -31,23 +33,26 @@ const LEAST_STEPS: f64 = 8.0;
 /// # Errors
 /// If no surface fits, or if no place of 256 has enough room.
 pub(super) fn on_surface(scene: &mut SceneBuilder, spec: &DefectSpec, stream: &mut Pcg) -> Result<PlacedDefect, Fault> {
-    let table = AreaTable::new(scene, spec)?;
+    let (areas, edges) = match &spec.defect {
+        Defect::Chip(_) => (None, Some(EdgeTable::new(scene, spec)?)),
+        _ => (Some(AreaTable::new(scene, spec)?), None),
+    };
     let rounding = rounding(scene);
     for _ in 0..TRIES {
-        let Some(anchor) = table.draw(scene, stream) else { continue };
+        let on_edge = edges.as_ref().and_then(|table| table.draw(stream));
+        let Some(anchor) = on_edge.or_else(|| areas.as_ref()?.draw(scene, stream)) else { continue };
         let Some(mut made) = attempt(scene, spec, &anchor, rounding, stream) else { continue };
         let instance = &scene.instances[anchor.instance];
         let (on, motion) = (instance.name.clone(), instance.motion);
-        let to_world = match made.hole {
-            Some(_) => instance.to_world,
-            None => DAffine3::from_translation(anchor.point),
-        };
+        let is_in_body = made.is_in_body || made.hole.is_some();
+        let to_world = if is_in_body { instance.to_world } else { DAffine3::from_translation(anchor.point) };
         let (extent, angle) = (extent_of(&made.mesh, &to_world), made.angle);
         let replaces = made.hole.take().map(|mesh| {
             let part = own_part(scene, anchor.instance, anchor.part);
             part.mesh = mesh.into();
             part.material
         });
+        scene.images.extend(made.image.take());
         insert(scene, &spec.name, made, to_world, motion);
         return Ok(PlacedDefect {
             object: spec.name.clone(),
@@ -63,8 +68,8 @@ pub(super) fn on_surface(scene: &mut SceneBuilder, spec: &DefectSpec, stream: &m
     }
     Err(Fault::new(
         format!("the defect \"{}\" finds no room on the surface: no place of {TRIES} fits", spec.name),
-        "make it smaller, or name larger or smoother objects; a defect does not extend over sharp edges, and a \
-         steep dent needs free space in and below its body",
+        "make it smaller, or name larger, smoother or opaque objects; a defect that is cut into a body needs free space \
+         in and below it, and a chip an edge",
     )
     .below("length"))
 }
@@ -75,12 +80,16 @@ fn attempt(scene: &SceneBuilder, spec: &DefectSpec, anchor: &Anchor, rounding: f
     let host = scene.materials.get(part.material)?;
     // A defect extends by half of its length. The rest is room for steps over steep triangles.
     let (size, radius) = match &spec.defect {
-        Defect::Scratch(Scratch { length, width, .. }) | Defect::Fibre(Fibre { length, width, .. }) => {
-            (width.0, length.0 + width.0)
-        }
-        Defect::Dent(Dent { length, .. }) | Defect::Stain(Stain { length, .. }) | Defect::Dust(Dust { length, .. }) => {
-            (length.0, length.0)
-        }
+        Defect::Scratch(Scratch { length, width, .. })
+        | Defect::ColdShut(ColdShut { length, width, .. })
+        | Defect::Fibre(Fibre { length, width, .. }) => (width.0, length.0 + width.0),
+        Defect::Dent(Dent { length, .. })
+        | Defect::Pore(Pore { length, .. })
+        | Defect::Chip(Chip { length, .. })
+        | Defect::Chatter(Chatter { length, .. })
+        | Defect::Decal(Decal { length, .. })
+        | Defect::Stain(Stain { length, .. })
+        | Defect::Dust(Dust { length, .. }) => (length.0, length.0),
         _ => return None,
     };
     let safe = (SAFE_STEPS * rounding).min(SAFE_OF_SIZE * size);
@@ -96,8 +105,15 @@ fn attempt(scene: &SceneBuilder, spec: &DefectSpec, anchor: &Anchor, rounding: f
         Defect::Scratch(scratch) => scratch::scratch(&site, scratch, stream),
         Defect::Dent(dent) => round::dent(&site, dent),
         Defect::Stain(stain) => round::stain(&site, stain, stream),
+        Defect::Decal(decal) => decal::decal(&site, decal, spec.image.as_ref()?, stream),
         Defect::Fibre(fibre) => particle::fibre(&site, fibre, stream),
         Defect::Dust(dust) => Some(particle::dust(&site, dust, stream)),
+        // The other kinds are cut into an opaque body.
+        _ if site.volume.is_some() => None,
+        Defect::ColdShut(shut) => scratch::cold_shut(&site, shut, stream),
+        Defect::Pore(pore) => shapes::pore(&site, pore, stream),
+        Defect::Chip(chip) => shapes::chip(&site, chip, stream),
+        Defect::Chatter(chatter) => shapes::chatter(&site, chatter, stream),
         _ => None,
     }
 }

@@ -1,15 +1,15 @@
 //! Round patches: dents and stains.
 
-use super::cut::Holes;
 use super::draw::Harmonics;
 use super::material;
 use super::patch::Patch;
+use super::shapes;
 use super::shell;
 use super::site::{Made, Site};
 use super::spec::{Dent, Stain};
 use super::surface::{LocalSurface, SurfaceHit};
 use super::walk::{Footing, tangent_at};
-use dunkelfeld_geometry::{DVec3, Mesh, Vec3};
+use dunkelfeld_geometry::{DVec3, Vec3};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::Pcg;
 use std::f64::consts::{PI, TAU};
@@ -26,8 +26,6 @@ const LEAST_SMOOTH: f64 = 0.978;
 /// Largest slope of a dent that is made of shading normals. Steeper ones are hollows: from here on a patch of rough metal,
 /// seen at 20 degrees in light from everywhere, is darker than its surroundings by more than the noise of a camera.
 const LARGEST_SHADED_SLOPE: f64 = 0.15;
-/// Smallest thickness of the body below a dent, over its depth.
-const LEAST_WALL: f64 = 0.1;
 /// Mean radius of a stain over its length, and the largest amplitude of the deviations from it.
 const STAIN_RADIUS: f64 = 0.42;
 const STAIN_WAVES: f64 = 0.13;
@@ -90,10 +88,11 @@ fn tilted(patch: &Patch, outward: &[DVec3], i: usize, steepest: f64) -> DVec3 {
 pub(super) fn dent(site: &Site<'_>, dent: &Dent) -> Option<Made> {
     let (surface, depth) = (&site.surface, dent.depth.0);
     let radius = 0.5 * dent.length.0;
-    let (patch, outward) = rings(surface, site.foot, |_| radius)?;
-    if site.volume.is_none() && steepest(dent) > LARGEST_SHADED_SLOPE {
-        return carved(site, dent, patch, &outward);
-    }
+    let is_shaded = steepest(dent) <= LARGEST_SHADED_SLOPE && material::is_plain(site.host);
+    let rings = rings(surface, site.foot, |_| radius).filter(|_| is_shaded || site.volume.is_some());
+    let Some((patch, outward)) = rings else {
+        return if site.volume.is_none() { shapes::dent(site, dent) } else { None };
+    };
     let normal = |i: usize| tilted(&patch, &outward, i, steepest(dent));
     let rise = patch.rise(surface).filter(|rise| *rise <= LARGEST_RISE * dent.length.0)?;
     let offset = site.lift + rise;
@@ -110,67 +109,6 @@ pub(super) fn dent(site: &Site<'_>, dent: &Dent) -> Option<Made> {
     let height = |i: usize| if is_rim(i) { -site.lift } else { offset };
     let (mesh, has_uvs) = patch.mesh(surface, Some(site.below), height, normal);
     Some(Made::new(mesh, None, material::like_surface(site.host, &site.finish, has_uvs)))
-}
-
-/// A dent in an opaque body: its mesh gets a hole, which the dent fills. In a body that is thinner than the dent is deep, the
-/// other side bulges in the same shape. `None` if another surface is near, or if the mesh cannot be cut.
-fn carved(site: &Site<'_>, dent: &Dent, patch: Patch, outward: &[DVec3]) -> Option<Made> {
-    let (depth, surface, (part, mesh)) = (dent.depth.0, &site.surface, site.below);
-    let below = |i: usize| bell(depth, i) + LEAST_WALL * depth;
-    if !site.has_room(&patch.feet, dent.length.0, depth, below) {
-        return None;
-    }
-    let mut holes = Holes::new(surface, part, mesh);
-    let feet = patch.feet.clone();
-    let is_solid = |holes: &Holes<'_>| {
-        let ends = |(i, f): (usize, &SurfaceHit)| [f.point, f.point - f.normal * below(i)];
-        !feet.iter().enumerate().map(ends).any(|[from, to]| surface.is_met(from, to, |f| !holes.is_cut(f)))
-    };
-    let (mesh, has_uvs) = filled(site, &mut holes, (patch, outward), -depth, steepest(dent))?;
-    let mut back = None;
-    if !is_solid(&holes) {
-        let opposite = surface.project(site.foot.point, -site.foot.normal, (1.0 + LEAST_WALL) * depth)?;
-        let (patch, outward) = rings(surface, opposite, |_| 0.5 * dent.length.0)?;
-        back = Some(filled(site, &mut holes, (patch, &outward), depth, steepest(dent))?.0);
-    }
-    let material = material::like_surface(site.host, &site.finish, has_uvs);
-    is_solid(&holes).then(|| Made { back, hole: Some(holes.mesh()), ..Made::new(mesh, None, material) })
-}
-
-/// Height of a dent or a bulge over its middle height.
-fn bell(height: f64, i: usize) -> f64 {
-    if share(i) < 1.0 { 0.5 * height * (1.0 + (PI * share(i)).cos()) } else { 0.0 }
-}
-
-/// Cuts a hole and gives the mesh that fills it, in the space of the meshes of the body, with the height `height` \[m\] in
-/// its middle. The second result is true if it has texture coordinates.
-fn filled(
-    site: &Site<'_>,
-    holes: &mut Holes<'_>,
-    (mut patch, outward): (Patch, &[DVec3]),
-    height: f64,
-    steepest: f64,
-) -> Option<(Mesh, bool)> {
-    let (surface, middle, first) = (&site.surface, patch.feet[0], patch.feet.len() - SPOKES);
-    let rim = holes.add(middle, &patch.feet[first..])?;
-    for (j, way) in rim.iter().enumerate() {
-        let (mut from, to) = (first + j, first + (j + 1) % SPOKES);
-        let ends = [from as u32, to as u32];
-        let last = patch.triangles.iter().position(|t| t[1..] == ends)?;
-        let inner = patch.triangles[last][0];
-        patch.feet[from].point = *way.first()?;
-        for point in &way[1..] {
-            let hit = surface.project(*point, middle.normal, height.abs())?;
-            patch.feet.push(SurfaceHit { point: *point, ..hit });
-            let new = patch.feet.len() - 1;
-            patch.triangles.push([inner, from as u32, new as u32]);
-            from = new;
-        }
-        patch.triangles[last] = [inner, from as u32, to as u32];
-    }
-    patch.frame = surface.to_mesh;
-    let slope = -height.signum() * steepest;
-    Some(patch.mesh(surface, Some(site.below), |i| bell(height, i), |i| tilted(&patch, outward, i, slope)))
 }
 
 /// A stain with an irregular outline.

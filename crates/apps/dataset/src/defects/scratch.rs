@@ -3,9 +3,10 @@
 use super::draw::{self, Harmonics};
 use super::material;
 use super::patch::Patch;
+use super::shapes::{self, GROOVE, Groove};
 use super::shell;
 use super::site::{Made, Site};
-use super::spec::Scratch;
+use super::spec::{ColdShut, Scratch};
 use super::walk::Course;
 use dunkelfeld_geometry::DVec3;
 use dunkelfeld_sampling::Pcg;
@@ -15,6 +16,8 @@ use std::f64::consts::PI;
 const ACROSS: [f64; 11] = [-1.0, -0.8, -0.6, -0.4, -0.2, 0.0, 0.2, 0.4, 0.6, 0.8, 1.0];
 /// Place of the ridges in the same unit.
 const RIDGE: f64 = 0.6;
+/// Half of the width of the groove of a cold shut, over that with its lips.
+const SEAM: f64 = 0.15;
 /// Each end becomes narrow over this share of the length.
 const TAPER: f64 = 0.2;
 /// Width of the ends over that of the middle.
@@ -37,6 +40,39 @@ fn groove(u: f64) -> f64 {
     -(0.5 * PI * u).cos().powi(2)
 }
 
+/// Height over depth of a groove that is cut into an opaque body, with burrs of the height `burr` beside it.
+fn cut(u: f64, burr: f64) -> f64 {
+    let a = u.abs();
+    if a < GROOVE { groove(u / GROOVE) } else { burr * (PI * (a - GROOVE) / (1.0 - GROOVE)).sin().powi(2) }
+}
+
+/// Height over depth of a cold shut: a narrow groove between two lips, one higher than the other.
+fn seam(u: f64) -> f64 {
+    let (a, lip) = (u.abs(), if u < 0.0 { 0.5 } else { 0.25 });
+    if a < SEAM { -(1.0 - a / SEAM) } else { lip * (PI * ((a - SEAM) / (1.0 - SEAM)).sqrt()).sin().powi(2) }
+}
+
+/// Width and depth over those in the middle, at a share of the length.
+fn taper(t: f64) -> f64 {
+    let share = (t.min(1.0 - t) / TAPER).min(1.0);
+    END + (1.0 - END) * share * share * (3.0 - 2.0 * share)
+}
+
+/// A cold shut along an irregular curve.
+pub(super) fn cold_shut(site: &Site<'_>, shut: &ColdShut, stream: &mut Pcg) -> Option<Made> {
+    let wander = Harmonics::draw(stream, 1, 8, 0.4);
+    let breadth = Harmonics::draw(stream, 2, 8, 0.25);
+    let angle = shut.angle.map_or_else(|| draw::angle(stream), |angle| angle.0);
+    let groove = Groove {
+        size: [shut.length.0, shut.width.0],
+        turn: [angle, shut.curvature.map_or(0.0, |turn| turn.0)],
+        wander: &wander,
+        at: &|t| [0.5 * shut.width.0 * taper(t) * (1.0 + breadth.at(t)).max(0.3), shut.depth.0 * taper(t)],
+        profile: &seam,
+    };
+    shapes::groove(site, &groove)
+}
+
 /// A scratch along a curve on the surface.
 pub(super) fn scratch(site: &Site<'_>, scratch: &Scratch, stream: &mut Pcg) -> Option<Made> {
     let (surface, length, width, depth) = (&site.surface, scratch.length.0, scratch.width.0, scratch.depth.0);
@@ -46,15 +82,28 @@ pub(super) fn scratch(site: &Site<'_>, scratch: &Scratch, stream: &mut Pcg) -> O
     let angle = scratch.angle.map_or_else(|| draw::angle(stream), |angle| angle.0);
     // Steps of the width, unless the scratch is very long or very short.
     let steps = (0.5 * length / width).clamp(24.0, 200.0) as usize;
-    let course = Course { length, steps, angle, curvature, wander: &wander };
-    let curve = course.on(surface, site.foot)?;
-    let last = (curve.len() - 1) as f64;
-    let sizes = |row: usize| {
-        let t = row as f64 / last;
-        let share = (t.min(1.0 - t) / TAPER).min(1.0);
-        let taper = END + (1.0 - END) * share * share * (3.0 - 2.0 * share);
+    let at = |t: f64| {
+        let taper = taper(t);
         (taper * (1.0 + breadth.at(t)).max(0.3), taper)
     };
+    let course = Course { length, steps, angle, curvature, wander: &wander };
+    let curve = course.on(surface, site.foot).filter(|_| scratch.burr.is_none() || site.volume.is_some());
+    let Some(curve) = curve else {
+        if site.volume.is_some() {
+            return None;
+        }
+        let burr = scratch.burr.map_or(1.0, |burr| burr.0);
+        let groove = Groove {
+            size: [length, width],
+            turn: [angle, curvature],
+            wander: &wander,
+            at: &|t| [0.5 * width * at(t).0, depth * at(t).1],
+            profile: &|u| cut(u, burr),
+        };
+        return shapes::groove(site, &groove);
+    };
+    let last = (curve.len() - 1) as f64;
+    let sizes = |row: usize| at(row as f64 / last);
     let mut feet = Vec::with_capacity(curve.len() * ACROSS.len());
     for (row, foot) in curve.iter().enumerate() {
         let half = 0.5 * width * sizes(row).0;

@@ -2,11 +2,12 @@
 
 use super::host::Anchor;
 use super::material;
+use super::pieces::Pieces;
 use super::spec::Finish;
 use super::surface::{LocalSurface, SurfaceHit};
 use super::tree::distance_to_box;
 use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, RigidMotion};
-use dunkelfeld_scene::{Instance, Material, MeshPart, SceneBuilder, Volume};
+use dunkelfeld_scene::{Image, Instance, Material, MeshPart, SceneBuilder, Volume};
 
 /// A place for a defect.
 pub(super) struct Site<'a> {
@@ -30,17 +31,23 @@ pub(super) struct Site<'a> {
 }
 
 impl Site<'_> {
-    /// True if no other object within `reach` \[m\] of the place has a surface near the points of a patch: at `above` \[m\] or
-    /// less above them, and at `below` \[m\] or less below them. Clear solids above do not count.
-    pub(super) fn has_room(&self, feet: &[SurfaceHit], reach: f64, above: f64, below: impl Fn(usize) -> f64) -> bool {
+    /// The triangles of the part below, relative to the drawn point.
+    pub(super) fn pieces(&self) -> Option<Pieces> {
+        let to_world = self.scene.instances.get(self.anchor.instance)?.to_world;
+        Pieces::new(self.below.1, &(DAffine3::from_translation(-self.anchor.point) * to_world))
+    }
+
+    /// True if no other object has a surface near: on a way from one point to another, or between its start and the point at
+    /// `above` \[m\] from there. Clear solids above do not count.
+    pub(super) fn has_room(&self, ways: &[[DVec3; 2]], above: DVec3) -> bool {
         let (scene, at) = (self.scene, self.anchor.point);
+        let reach = ways.iter().flatten().map(|p| p.length()).fold(0.0, f64::max) + above.length();
         let is_near = |i: &Instance| scene.bounds_of(i).is_some_and(|[a, b]| distance_to_box(at, a, b) <= reach);
         let blocks = |instance: &Instance, part: &usize| {
             let Some(material) = material::of(scene, *part).filter(|m| !material::is_absent(m)) else { return false };
-            let above = if material::clear_volume(material).is_some() { 0.0 } else { above };
+            let above = if material::clear_volume(material).is_some() { DVec3::ZERO } else { above };
             let surface = LocalSurface::collect(scene, instance, &[*part], at, reach);
-            let ends = |(i, f): (usize, &SurfaceHit)| [f.point + f.normal * above, f.point - f.normal * below(i)];
-            feet.iter().enumerate().map(ends).any(|[from, to]| surface.is_met(from, to, |_| true))
+            ways.iter().any(|[from, to]| surface.is_met(*from + above, *to, |_| true))
         };
         let mut others =
             scene.instances.iter().enumerate().filter(|(i, other)| *i != self.anchor.instance && is_near(other));
@@ -48,22 +55,24 @@ impl Site<'_> {
     }
 }
 
-/// A defect in coordinates relative to the drawn point, or in those of the mesh that has a hole.
+/// A defect in coordinates relative to the drawn point, or in those of the mesh that it is cut into.
 pub(super) struct Made {
     pub(super) mesh: Mesh,
     pub(super) material: Material,
     /// Direction in the tangent plane \[rad\], drawn or given. `None` if the kind has none.
     pub(super) angle: Option<f64>,
-    /// The other side of a defect in a thin body, in the same coordinates.
-    pub(super) back: Option<Mesh>,
-    /// The mesh of the part below, with holes that the defect fills.
+    /// The mesh of the part below without the pieces that are the defect.
     pub(super) hole: Option<Mesh>,
+    /// Are the coordinates those of the mesh of the body?
+    pub(super) is_in_body: bool,
+    /// An image that the material refers to as the next one of the scene.
+    pub(super) image: Option<Image>,
 }
 
 impl Made {
     /// A defect that leaves its body as it is.
     pub(super) fn new(mesh: Mesh, angle: Option<f64>, material: Material) -> Self {
-        Self { mesh, material, angle, back: None, hole: None }
+        Self { mesh, material, angle, hole: None, is_in_body: false, image: None }
     }
 }
 
@@ -77,10 +86,8 @@ pub(super) fn rounding(scene: &SceneBuilder) -> f64 {
 /// Adds a mesh in its place in the world as an object of its own.
 pub(super) fn insert(scene: &mut SceneBuilder, name: &str, made: Made, to_world: DAffine3, motion: RigidMotion) {
     let material = scene.add_material(made.material);
-    let first = scene.meshes.len();
-    let part = |mesh: Mesh| MeshPart { name: name.into(), mesh: mesh.into(), material, ..MeshPart::default() };
-    scene.meshes.extend([made.mesh].into_iter().chain(made.back).map(part));
-    let meshes = (first..scene.meshes.len()).collect();
+    let meshes = vec![scene.meshes.len()];
+    scene.meshes.push(MeshPart { name: name.into(), mesh: made.mesh.into(), material, ..MeshPart::default() });
     scene.instances.push(Instance { name: name.into(), meshes, to_world, motion });
 }
 

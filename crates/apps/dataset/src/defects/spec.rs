@@ -5,6 +5,7 @@ use dunkelfeld_geometry::DVec3;
 use dunkelfeld_io::names::nearest_names;
 use dunkelfeld_io::quantity::{Angle, Length};
 use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_scene::Image;
 use serde::Deserialize;
 use toml::Table;
 
@@ -70,6 +71,18 @@ impl TryFrom<[f64; 3]> for Direction {
     }
 }
 
+/// What the values of a picture are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum DecalMode {
+    /// The share of the surface that is covered, linear, from the first channel.
+    Mask,
+    /// The colour, sRGB.
+    Color,
+    /// The roughness, linear, from the first channel.
+    Roughness,
+}
+
 /// Declares the kinds of defects, each with its own keys.
 ///
 /// `length`, `width` and `depth` are those of the table of the module. `angle` is a direction in the tangent plane,
@@ -108,9 +121,9 @@ macro_rules! kinds {
 }
 
 kinds! {
-    /// A narrow groove.
+    /// A narrow groove. `burr` is the height of the burrs beside it over its depth, by default 1.
     Scratch "scratch" {
-        length: Size, width: Size, depth: Size, angle: Option<Angle>, curvature: Option<Angle>,
+        length: Size, width: Size, depth: Size, angle: Option<Angle>, curvature: Option<Angle>, burr: Option<Share>,
         roughness: Option<Share>, color: Option<Color>, metallic: Option<Share>, facing: Option<Direction>
     }
     /// A shallow round hollow.
@@ -118,9 +131,34 @@ kinds! {
         length: Size, depth: Size,
         roughness: Option<Share>, color: Option<Color>, metallic: Option<Share>, facing: Option<Direction>
     }
+    /// A pit with steep walls and an irregular outline, as gas leaves in castings.
+    Pore "pore" {
+        length: Size, depth: Size,
+        roughness: Option<Share>, color: Option<Color>, metallic: Option<Share>, facing: Option<Direction>
+    }
+    /// A break of an edge. `depth` is below the edge, in its middle.
+    Chip "chip" {
+        length: Size, depth: Size,
+        roughness: Option<Share>, color: Option<Color>, metallic: Option<Share>, facing: Option<Direction>
+    }
+    /// Waves that a vibrating tool leaves. `depth` is from crest to valley, and `angle` is the direction from wave to wave.
+    Chatter "chatter" {
+        length: Size, pitch: Size, depth: Size, angle: Option<Angle>,
+        roughness: Option<Share>, color: Option<Color>, metallic: Option<Share>, facing: Option<Direction>
+    }
+    /// A seam between two fronts of metal that met too cold to join: a narrow groove between rounded lips.
+    ColdShut "cold shut" {
+        length: Size, width: Size, depth: Size, angle: Option<Angle>, curvature: Option<Angle>,
+        roughness: Option<Share>, color: Option<Color>, metallic: Option<Share>, facing: Option<Direction>
+    }
     /// A coloured film with an irregular outline and a soft edge. `strength` is the largest coverage, by default 1.
     Stain "stain" {
         length: Size, strength: Option<Share>,
+        roughness: Option<Share>, color: Option<Color>, metallic: Option<Share>, facing: Option<Direction>
+    }
+    /// A picture on the surface. `length` is that of its rows, and `strength` its opacity, by default 1.
+    Decal "decal" {
+        image: String, mode: DecalMode, length: Size, strength: Option<Share>, angle: Option<Angle>,
         roughness: Option<Share>, color: Option<Color>, metallic: Option<Share>, facing: Option<Direction>
     }
     /// An irregular particle on the surface.
@@ -171,7 +209,12 @@ impl Defect {
         match self {
             Self::Scratch(Scratch { facing, .. })
             | Self::Dent(Dent { facing, .. })
+            | Self::Pore(Pore { facing, .. })
+            | Self::Chip(Chip { facing, .. })
+            | Self::Chatter(Chatter { facing, .. })
+            | Self::ColdShut(ColdShut { facing, .. })
             | Self::Stain(Stain { facing, .. })
+            | Self::Decal(Decal { facing, .. })
             | Self::Dust(Dust { facing, .. })
             | Self::Fibre(Fibre { facing, .. }) => facing.map(|Direction(facing)| facing),
             _ => None,
@@ -183,7 +226,12 @@ impl Defect {
         let (roughness, color, metallic) = match self {
             Self::Scratch(Scratch { roughness, color, metallic, .. })
             | Self::Dent(Dent { roughness, color, metallic, .. })
+            | Self::Pore(Pore { roughness, color, metallic, .. })
+            | Self::Chip(Chip { roughness, color, metallic, .. })
+            | Self::Chatter(Chatter { roughness, color, metallic, .. })
+            | Self::ColdShut(ColdShut { roughness, color, metallic, .. })
             | Self::Stain(Stain { roughness, color, metallic, .. })
+            | Self::Decal(Decal { roughness, color, metallic, .. })
             | Self::Dust(Dust { roughness, color, metallic, .. })
             | Self::Fibre(Fibre { roughness, color, metallic, .. })
             | Self::Inclusion(Inclusion { roughness, color, metallic, .. }) => (*roughness, *color, *metallic),
@@ -203,14 +251,26 @@ impl Defect {
         };
         let too_deep =
             |is_deep: bool, problem: &str, help: &str| is_deep.then(|| Fault::new(problem, help).below("depth"));
+        let half = "give at most half of the width, which is a slope of 69 degrees";
         let fault = match self {
-            Self::Scratch(Scratch { length, width, depth, .. }) => too_wide(length, width).or_else(|| {
-                let help = "give at most half of the width, which is a slope of 69 degrees";
-                too_deep(depth.0 > 0.5 * width.0, "the scratch is too deep for its width", help)
-            }),
+            Self::Scratch(Scratch { length, width, depth, .. }) | Self::ColdShut(ColdShut { length, width, depth, .. }) => {
+                too_wide(length, width)
+                    .or_else(|| too_deep(depth.0 > 0.5 * width.0, "the groove is too deep for its width", half))
+            }
             Self::Dent(Dent { length, depth, .. }) => {
                 let help = "give at most a quarter of the diameter, which is a slope of 38 degrees";
                 too_deep(depth.0 > 0.25 * length.0, "the dent is too deep for its diameter", help)
+            }
+            Self::Pore(Pore { length, depth, .. }) | Self::Chip(Chip { length, depth, .. }) => {
+                too_deep(depth.0 > 0.5 * length.0, "it is too deep for its length", "give at most half of the length")
+            }
+            Self::Chatter(Chatter { length, pitch, depth, .. }) => {
+                let help = "give at most a fifth of the pitch, which is a slope of 32 degrees";
+                let is_wave = (1.0..=100.0).contains(&(length.0 / pitch.0));
+                let no_wave = Fault::new("the pitch does not fit the length", "give 1 to 100 waves").below("pitch");
+                (!is_wave).then_some(no_wave).or_else(|| {
+                    too_deep(depth.0 > 0.2 * pitch.0, "the marks are too deep for their pitch", help)
+                })
             }
             Self::Fibre(Fibre { length, width, .. }) => too_wide(length, width),
             _ => None,
@@ -232,6 +292,8 @@ pub(crate) struct DefectSpec {
     /// missing, faded and shifted one object is drawn, each with the same probability.
     pub(crate) on: Vec<usize>,
     pub(crate) defect: Defect,
+    /// The picture of a decal.
+    pub(crate) image: Option<Image>,
 }
 
 /// A defect in its place.

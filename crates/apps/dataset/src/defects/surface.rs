@@ -129,7 +129,11 @@ impl<'a> LocalSurface<'a> {
 
     fn shading_normal(&self, facet: usize, weights: [f64; 3]) -> DVec3 {
         let Facet { part, triangle, normal } = self.facets[facet];
-        let mesh = &self.scene.meshes[part].mesh;
+        self.smooth_normal(&self.scene.meshes[part].mesh, triangle, weights, normal)
+    }
+
+    /// The unit shading normal at a point of a triangle with the geometric normal `normal`, in the axes of the world.
+    pub(super) fn smooth_normal(&self, mesh: &Mesh, triangle: usize, weights: [f64; 3], normal: DVec3) -> DVec3 {
         let Some(mixed) = mixed(mesh, &mesh.normals, triangle, weights, |n| n.as_dvec3()) else { return normal };
         let smooth = (self.normal_matrix * mixed).normalize_or_zero();
         let smooth = if smooth.dot(normal) < 0.0 { -smooth } else { smooth };

@@ -6,11 +6,12 @@ use dunkelfeld_geometry::health::MeshHealth;
 use dunkelfeld_geometry::{DAffine3, DMat3, DVec3, Mesh, RigidMotion, Vec2, Vec3, geometric_normal};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_sampling::keyed_stream;
-use dunkelfeld_scene::{AlphaMode, Instance, Material, Surface, Volume, shapes};
+use dunkelfeld_scene::{AlphaMode, Image, Instance, Material, Surface, Texels, Volume, shapes};
 use std::sync::Arc;
 use toml::Table;
 
 const SURFACE: [&str; 5] = ["scratch", "dent", "stain", "dust", "fibre"];
+const CUT: [&str; 4] = ["pore", "chip", "chatter", "cold shut"];
 const INSIDE: [&str; 2] = ["bubble", "inclusion"];
 const CHANGE: [&str; 3] = ["missing", "faded", "shifted"];
 
@@ -24,6 +25,9 @@ fn table(kind: &str, values: &str) -> Table {
         "scratch" => "length = 0.05\nwidth = 0.002\ndepth = 0.0005\ncurvature = '0.3rad'",
         "dent" => "length = 0.05\ndepth = 0.0005",
         "stain" => "length = 0.05\nstrength = 0.5",
+        "pore" | "chip" => "length = 0.05\ndepth = 0.01",
+        "chatter" => "length = 0.05\npitch = 0.005\ndepth = 0.0005",
+        "cold shut" => "length = 0.05\nwidth = 0.004\ndepth = 0.001\ncurvature = '0.3rad'",
         "fibre" => "length = 0.05\nwidth = 0.002\ncurvature = '0.3rad'",
         "missing" => "",
         "faded" => "strength = 0.5",
@@ -31,7 +35,7 @@ fn table(kind: &str, values: &str) -> Table {
     };
     let mut keys: Table = text.parse().expect("TOML");
     for (key, value) in values.parse::<Table>().expect("TOML") {
-        if keys.contains_key(&key) || ["angle", "facing", "roughness"].contains(&key.as_str()) {
+        if keys.contains_key(&key) || ["angle", "burr", "facing", "roughness"].contains(&key.as_str()) {
             keys.insert(key, value);
         }
     }
@@ -40,7 +44,7 @@ fn table(kind: &str, values: &str) -> Table {
 
 fn spec_with(kind: &str, on: &[usize], values: &str) -> DefectSpec {
     let defect = Defect::read(kind, &table(kind, values)).expect("a defect");
-    DefectSpec { name: "defect".into(), on: on.to_vec(), defect }
+    DefectSpec { name: "defect".into(), on: on.to_vec(), defect, image: None }
 }
 
 fn spec(kind: &str, on: &[usize]) -> DefectSpec {
@@ -219,42 +223,149 @@ fn joined(b: &SceneBuilder, object: usize) -> Mesh {
     all
 }
 
+/// A metal body on its own: a box with edges of 1.0, 0.5 and 0.3.
+fn block() -> SceneBuilder {
+    let mut b = scene();
+    b.materials[1] = Material { metallic: 1.0.into(), ..Material::default() };
+    b
+}
+
+/// The volume that a defect takes away from object 1.
+fn loss(before: &SceneBuilder, after: &SceneBuilder) -> f64 {
+    let health = MeshHealth::from_mesh(&joined(after, 1));
+    assert!(health.is_closed(), "{health:?}");
+    let (_, mesh) = placed(after);
+    for (t, corners) in mesh.triangles.iter().enumerate() {
+        let front = geometric_normal(&mesh.corners(t));
+        assert!(corners.iter().all(|i| front.dot(mesh.normals[*i as usize]) > 0.7));
+    }
+    MeshHealth::from_mesh(&before.meshes[1].mesh).signed_volume - health.signed_volume
+}
+
+/// The distance of a place on the block to the nearest edge.
+fn margin(at: DVec3) -> f64 {
+    let mut sides: Vec<f64> =
+        (at - DVec3::new(2.0, 0.0, 0.0)).min(DVec3::new(3.0, 0.5, 0.3) - at).to_array().map(f64::abs).to_vec();
+    sides.sort_by(f64::total_cmp);
+    sides[1]
+}
+
+/// What a break of an edge of 90 degrees removes has the area D² across the edge at the depth D. So it is 16/15 of half of the
+/// length times the square of the depth in the middle; its roughness adds at most a few per cent.
+#[test]
+fn a_chip_takes_its_volume_from_an_edge() {
+    let (mut sum, mut count) = (0.0, 0);
+    for seed in 0..30 {
+        let mut b = block();
+        let done = add_defect(&mut b, &spec_with("chip", &[1], "length = 0.06\ndepth = 0.01"), &mut stream(seed)).unwrap();
+        let volume = loss(&block(), &b) / (16.0 / 15.0 * 0.03 * 0.01f64.powi(2));
+        assert!(margin(done.at) < 1e-6 && (0.5..2.0).contains(&volume), "{seed}: {volume}");
+        // Away from corners.
+        if (done.at - DVec3::new(2.5, 0.25, 0.15)).abs().cmplt(DVec3::new(0.4, 0.15, 0.05)).any() {
+            (sum, count) = (sum + volume, count + 1);
+        }
+    }
+    assert!(count > 15 && (sum / f64::from(count) - 1.0).abs() < 0.1, "{} of {count}", sum / f64::from(count));
+    let mut ball = scene();
+    assert!(add_defect(&mut ball, &spec_with("chip", &[0], "length = 0.06\ndepth = 0.01"), &mut stream(1)).is_err());
+}
+
+/// Pores, chatter marks, cold shuts and scratches have their depth, and the joint with the body is closed to the last bit, also
+/// where they lie over an edge.
+#[test]
+fn cut_defects_have_their_depth_and_may_cross_edges() {
+    for (kind, values, extent) in [
+        ("pore", "length = 0.05\ndepth = 0.01", 0.5..1.0),
+        ("chatter", "length = 0.1\ndepth = 0.001\npitch = 0.01", 0.9..1.05),
+        ("cold shut", "length = 0.2\ndepth = 0.004\nwidth = 0.02", 0.7..1.05),
+        ("scratch", "length = 0.2\ndepth = 0.002\nwidth = 0.01\nburr = 0.3\ncurvature = '0.3rad'", 0.9..1.05),
+    ] {
+        let mut over_edges = 0;
+        for seed in 0..12 {
+            let mut b = block();
+            let done = add_defect(&mut b, &spec_with(kind, &[1], values), &mut stream(seed)).unwrap();
+            let (volume, values) = (loss(&block(), &b), table(kind, values));
+            let [length, depth] = ["length", "depth"].map(|key| values[key].as_float().unwrap());
+            if margin(done.at) > 0.5 * length + 0.02 {
+                assert!(volume > 0.0 || kind == "cold shut", "{kind} {seed}: {volume}");
+                let lowest = placed(&b).0.iter().map(|p| (*p - done.at).dot(done.normal)).fold(0.0, f64::min);
+                assert!((lowest / -depth - 1.0).abs() < 0.06, "{kind} {seed}: {lowest}");
+                assert!(extent.contains(&(done.extent / length)), "{kind} {seed}: {}", done.extent);
+            } else {
+                over_edges += 1;
+            }
+        }
+        // The walls of a pore are too steep for that.
+        assert_eq!(over_edges > 1, kind != "pore", "{kind}");
+    }
+    let mut clear = scene();
+    let pore = spec_with("pore", &[1], "length = 0.05\ndepth = 0.01");
+    assert!(add_defect(&mut clear, &pore, &mut stream(1)).unwrap_err().help.contains("opaque"));
+}
+
+/// Around a cylinder and along it, a picture has its size to 2 %: the area of its patch, and the way along its middle row.
+#[test]
+fn a_decal_has_its_size_around_a_cylinder() {
+    let outline = [[0.0, -1.5], [0.5, -1.5], [0.5, 1.5], [0.0, 1.5]].map(Vec2::from);
+    let text = "image = 'x'\nmode = 'mask'\nlength = 0.9\nangle = ";
+    for (angle, seed) in [("'0deg'", 1), ("'90deg'", 2), ("'35deg'", 3)] {
+        let mut b = SceneBuilder::default();
+        b.add_material(Material::default());
+        b.add_object("rod", shapes::turned(&outline, 256), 0);
+        let keys: Table = format!("{text}{angle}").parse().unwrap();
+        let texels = Arc::new(Texels::Gray8(vec![[255]; 4 * 2]));
+        let image = Some(Image { name: "x".into(), width: 4, height: 2, texels });
+        let spec = DefectSpec { name: "decal".into(), on: vec![0], defect: Defect::read("decal", &keys).unwrap(), image };
+        let done = add_defect(&mut b, &spec, &mut stream(seed)).unwrap();
+        let (points, mesh) = placed(&b);
+        let area = MeshHealth::from_mesh(&mesh).area;
+        assert!((area / (0.9 * 0.45) - 1.0).abs() < 0.02, "{angle}: {area}");
+        let mut middle: Vec<(f32, DVec3)> =
+            mesh.uvs[0].iter().zip(&points).filter(|(uv, _)| (uv.y - 0.5).abs() < 1e-3).map(|(uv, p)| (uv.x, *p)).collect();
+        middle.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let way: f64 = middle.windows(2).map(|pair| pair[0].1.distance(pair[1].1)).sum();
+        assert!((way / 0.9 - 1.0).abs() < 0.02, "{angle}: {way}");
+        assert!(points.iter().all(|p| (p.x.hypot(p.y) - 0.5).abs() < 2e-3), "{angle}");
+        let material = &b.materials[b.meshes.last().unwrap().material];
+        assert_eq!(material.alpha.texture.unwrap().image.0 as usize, b.images.len() - 1);
+        assert_eq!(done.on, "rod");
+    }
+}
+
 /// The volume of a dent is depth * area * (1 / 2 - 2 / pi²). The joint with its body is closed to the last bit.
 #[test]
-fn a_deep_dent_fills_a_hole_in_its_body() {
+fn a_deep_dent_is_cut_into_its_body() {
     let bell = |length: f64, depth: f64| {
         depth * std::f64::consts::PI * (0.5 * length).powi(2) * (0.5 - 2.0 / std::f64::consts::PI.powi(2))
     };
     for seed in 0..20 {
-        let mut b = scene();
-        b.materials[1] = Material { metallic: 1.0.into(), ..Material::default() };
+        let mut b = block();
         let to_world = DAffine3::from_translation(DVec3::Z * 2.0);
         let twin = Instance { name: "twin".into(), to_world, ..b.instances[1].clone() };
         b.instances.push(twin);
         let before = b.clone();
         let dent = spec_with("dent", &[1], "length = 0.1\ndepth = 0.01");
         let done = add_defect(&mut b, &dent, &mut stream(seed)).unwrap();
-        let (whole, health) = (MeshHealth::from_mesh(&b.meshes[1].mesh), MeshHealth::from_mesh(&joined(&b, 1)));
-        assert!(health.is_closed(), "{seed}: {health:?}");
-        let volume = whole.signed_volume - health.signed_volume;
-        assert!((volume / bell(0.1, 0.01) - 1.0).abs() < 0.01, "{volume}");
-        assert!((done.extent / 0.1 - 1.0).abs() < 0.01 && done.replaces == Some(1), "{done:?}");
+        let volume = loss(&before, &b);
+        let is_flat = margin(done.at) > 0.05;
+        assert!(if is_flat { (volume / bell(0.1, 0.01) - 1.0).abs() < 0.01 } else { volume > 0.0 }, "{volume}");
+        assert!(((done.extent / 0.1 - 1.0).abs() < 0.06 || !is_flat) && done.replaces == Some(1), "{done:?}");
         // Only the struck object has the hole, and nothing of it is left inside.
         assert_eq!(b.instances[4].meshes, before.instances[4].meshes);
         assert!(Arc::ptr_eq(&b.meshes[1].mesh, &before.meshes[1].mesh));
         let (cut, origin) = (&b.meshes[b.instances[1].meshes[0]].mesh, b.instances[1].to_world.translation);
         for t in 0..cut.triangles.len() {
             let middle = origin + cut.corners(t).iter().map(|p| p.as_dvec3()).sum::<DVec3>() / 3.0 - done.at;
-            assert!(middle.length() > 0.0499 || middle.dot(done.normal).abs() > 0.01, "{seed}: {middle}");
+            assert!(!is_flat || middle.length() > 0.048 || middle.dot(done.normal).abs() > 0.01, "{seed}: {middle}");
         }
         // A plane that is reflected and stretched, and a ball with smooth normals.
-        for (object, open) in [(2, 4), (0, 0)] {
+        for (object, is_open) in [(2, true), (0, false)] {
             let mut b = scene();
             let dent = DefectSpec { on: vec![object], ..dent.clone() };
             add_defect(&mut b, &dent, &mut stream(seed)).unwrap();
             let health = MeshHealth::from_mesh(&joined(&b, object));
-            let faults = [health.open_edges, health.inconsistent_edges, health.non_manifold_edges];
-            assert_eq!(faults, [open, 0, 0], "{object} {seed}");
+            let faults = [health.inconsistent_edges, health.non_manifold_edges];
+            assert!(faults == [0, 0] && (health.open_edges > 0) == is_open, "{object} {seed}: {health:?}");
             let (_, mesh) = placed(&b);
             for (t, corners) in mesh.triangles.iter().enumerate() {
                 let front = geometric_normal(&mesh.corners(t));
@@ -268,18 +379,21 @@ fn a_deep_dent_fills_a_hole_in_its_body() {
     b.add_object("plate", shapes::cuboid(Vec3::ZERO, Vec3::new(1.0, 0.02, 1.0)), 0);
     let dent = spec_with("dent", &[0], "length = 0.3\ndepth = 0.05\nfacing = [0, 1, 0]");
     let mut over = b.clone();
-    add_defect(&mut b, &dent, &mut stream(1)).unwrap();
+    let is_inside = |at: DVec3| (at.x - 0.5).abs().max((at.z - 0.5).abs()) < 0.3;
+    let inside = |seed: &u64| is_inside(add_defect(&mut b.clone(), &dent, &mut stream(*seed)).unwrap().at);
+    let seed = (0..20).find(inside).unwrap();
+    add_defect(&mut b, &dent, &mut stream(seed)).unwrap();
     let health = MeshHealth::from_mesh(&joined(&b, 0));
-    assert!(health.is_closed() && (health.signed_volume / 0.02 - 1.0).abs() < 1e-3, "{health:?}");
-    assert!((health.bounds.min.y + 0.05).abs() < 1e-6 && health.bounds.max.y == 0.02, "{:?}", health.bounds);
+    assert!(health.is_closed() && (health.signed_volume / 0.02 - 1.0).abs() < 5e-3, "{health:?}");
+    assert!((health.bounds.min.y + 0.05).abs() < 0.003 && health.bounds.max.y == 0.02, "{:?}", health.bounds);
     // There is no room for it above a table.
     over.add_object("table", shapes::rectangle(Vec3::new(-1.0, -0.01, 2.0), Vec3::X * 3.0, Vec3::NEG_Z * 3.0), 0);
-    assert!(add_defect(&mut over, &dent, &mut stream(1)).unwrap_err().problem.contains("no room"));
+    assert!(add_defect(&mut over, &dent, &mut stream(seed)).map_or(true, |done| !is_inside(done.at)));
 }
 
-/// A bar with chamfers at 45 degrees: dents and stains lie on its flat top as a whole.
+/// A bar with chamfers at 45 degrees: stains lie on its flat top as a whole.
 #[test]
-fn round_defects_do_not_cross_bevels() {
+fn stains_do_not_cross_bevels() {
     let outline = [[-0.5, 0.0], [0.5, 0.0], [0.5, 0.4], [0.4, 0.5], [-0.4, 0.5], [-0.5, 0.4]];
     let at = |i: usize, z: f32| Vec3::new(outline[i % 6][0], outline[i % 6][1], z);
     let side = |i: usize| [at(i, 1.0), at(i, -1.0), at(i + 1, -1.0), at(i, 1.0), at(i + 1, -1.0), at(i + 1, 1.0)];
@@ -288,12 +402,10 @@ fn round_defects_do_not_cross_bevels() {
     let mut bar = SceneBuilder::default();
     bar.add_material(Material::default());
     bar.add_object("bar", Mesh { positions, triangles, ..Mesh::default() }, 0);
-    for (kind, depth, radius) in [("dent", 0.03, 0.1), ("dent", 0.001, 0.1), ("stain", 0.0, 0.06)] {
-        for seed in 0..60 {
-            let dent = spec_with(kind, &[0], &format!("length = 0.2\ndepth = {depth}\nfacing = [0, 1, 0]"));
-            let done = add_defect(&mut bar.clone(), &dent, &mut stream(seed)).unwrap();
-            assert!((done.at.y - 0.5).abs() < 1e-9 && done.at.x.abs() <= 0.4 - radius + 1e-6, "{kind:?}: {}", done.at);
-        }
+    for seed in 0..60 {
+        let stain = spec_with("stain", &[0], "length = 0.2\nfacing = [0, 1, 0]");
+        let done = add_defect(&mut bar.clone(), &stain, &mut stream(seed)).unwrap();
+        assert!((done.at.y - 0.5).abs() < 1e-9 && done.at.x.abs() <= 0.34 + 1e-6, "{}", done.at);
     }
 }
 
@@ -339,10 +451,10 @@ fn bubbles_lie_inside_and_are_uniform() {
 
 #[test]
 fn the_result_depends_on_the_stream_alone() {
-    for kind in SURFACE.into_iter().chain(INSIDE).chain(CHANGE) {
-        let on = if INSIDE.contains(&kind) { 1 } else { 0 };
+    for kind in SURFACE.into_iter().chain(CUT).chain(INSIDE).chain(CHANGE) {
+        let on = if INSIDE.contains(&kind) || CUT.contains(&kind) { 1 } else { 0 };
         let run = |seed| {
-            let mut b = scene();
+            let mut b = if CUT.contains(&kind) { block() } else { scene() };
             let done = add_defect(&mut b, &spec(kind, &[on]), &mut stream(seed)).unwrap();
             (done, format!("{:?}", b.instances), placed(&b).1)
         };
