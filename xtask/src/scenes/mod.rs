@@ -1,10 +1,11 @@
-//! `cargo xtask scenes`: builds the scenes and jobs of `scenes/inspection/` and checks that the repository has them.
+//! `cargo xtask scenes`: builds the scenes and jobs of `scenes/` and checks that the repository has them.
 //!
-//! The set-up is that of the paper (Kludt et al., *Noise analysis of a synthetically rendered scene in
+//! `bracket.glb` is a part for a study. The set-up of `inspection/` is that of the paper (Kludt et al., *Noise analysis of a synthetically rendered scene in
 //! sensor-realistic image simulation*): a housing of aluminium profiles, a dark field from three sides, a shuttered
 //! light below, and a two-component moulded part under a clear cover. Metres, y up, the origin in the middle of the
 //! symbols' plane, where the smallest gaps are and single precision is finest.
 
+mod bracket;
 mod cover;
 mod glb;
 mod jobs;
@@ -45,7 +46,7 @@ pub(crate) fn run(check: bool) -> Result<(), String> {
 
 fn folder() -> PathBuf {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    root.join("..").join("scenes").join("inspection")
+    root.join("..").join("scenes")
 }
 
 /// Every file: name, bytes, and the number of triangles in words, if it has any.
@@ -54,11 +55,14 @@ fn files() -> Vec<(String, Vec<u8>, String)> {
     for (stem, cover) in SCENES {
         let document = station::scene(cover);
         let triangles = format!(", {} triangles", document.triangles());
-        files.push((format!("{stem}.glb"), document.finish(), triangles));
+        files.push((format!("inspection/{stem}.glb"), document.finish(), triangles));
         let job = jobs::job(stem, cover).into_bytes();
-        files.push((format!("{stem}.toml"), job, String::new()));
+        files.push((format!("inspection/{stem}.toml"), job, String::new()));
     }
-    files.push(("paper.toml".into(), jobs::PAPER.into(), String::new()));
+    files.push(("inspection/paper.toml".into(), jobs::PAPER.into(), String::new()));
+    let bracket = bracket::scene();
+    let triangles = format!(", {} triangles", bracket.triangles());
+    files.push(("studies/bracket.glb".into(), bracket.finish(), triangles));
     files
 }
 
@@ -68,7 +72,7 @@ fn compare(folder: &Path) -> Result<(), String> {
         let stored = fs::read(&path).map_err(|e| format!("{}: {e}", path.display()))?;
         if stored != bytes {
             return Err(format!(
-                "scenes/inspection/{name} is not what the code makes; run `cargo xtask scenes` and commit the result"
+                "scenes/{name} is not what the code makes; run `cargo xtask scenes` and commit the result"
             ));
         }
     }
@@ -94,6 +98,7 @@ mod tests {
         let bodies = [
             ("base", part::base()),
             ("film", part::film_sheet()),
+            ("bracket", bracket::bracket()),
             ("flat cover", cover::flat()),
             ("moulded cover", cover::moulded()),
             ("post", solids::post(5.0 * MM, 4.0 * MM, 0.3 * MM, 32)),

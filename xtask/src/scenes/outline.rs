@@ -42,7 +42,7 @@ pub(crate) fn circle(radius: f64, points: usize) -> Vec<DVec2> {
 
 /// Triangulates a simple counter-clockwise polygon by clipping, each time, the ear whose smallest angle is largest.
 ///
-/// Cubic in the number of points, which is at most a hundred here, and free of the needles that the first ear found
+/// Two parts of it may run along one line. Cubic in the number of points, which is at most a few hundred here, and free of the needles that the first ear found
 /// would leave.
 pub(crate) fn triangulate(polygon: &[DVec2]) -> Vec<[u32; 3]> {
     let mut left: Vec<usize> = (0..polygon.len()).collect();
@@ -54,7 +54,7 @@ pub(crate) fn triangulate(polygon: &[DVec2]) -> Vec<[u32; 3]> {
                 let ear = [left[(i + n - 1) % n], left[i], left[(i + 1) % n]];
                 let [a, b, c] = ear.map(|k| polygon[k]);
                 let free = (b - a).perp_dot(c - b) > 0.0
-                    && left.iter().all(|k| ear.contains(k) || !inside(polygon[*k], a, b, c));
+                    && left.iter().all(|k| [a, b, c].contains(&polygon[*k]) || !inside(polygon[*k], a, b, c));
                 free.then(|| (quality(a, b, c), i, ear))
             })
             .max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));

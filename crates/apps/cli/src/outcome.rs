@@ -2,7 +2,6 @@
 
 use dunkelfeld::io::{visible, visible_json};
 use std::io::{ErrorKind, Write};
-use std::process::ExitCode;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -28,12 +27,6 @@ impl Outcome {
             Self::BadInput => 2,
             Self::Interrupted => 130,
         }
-    }
-}
-
-impl From<Outcome> for ExitCode {
-    fn from(outcome: Outcome) -> Self {
-        Self::from(outcome.code())
     }
 }
 

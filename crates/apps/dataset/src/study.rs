@@ -508,10 +508,15 @@ fn pictures_of(
     for (number, defect) in defects.iter().enumerate() {
         for name in defect.texts_of("image") {
             let at = |problem: String, help: &str| {
-                source.error_at_key(&["study", "defect", &number.to_string(), "image"], format!("{name}: {problem}"), help)
+                source.error_at_key(
+                    &["study", "defect", &number.to_string(), "image"],
+                    format!("{name}: {problem}"),
+                    help,
+                )
             };
             let path = folder.join(&name);
-            let bytes = inputs.read(&path, Role::Texture, limits.file_bytes).map_err(|e| at(e.problem(), e.help(&path)))?;
+            let bytes =
+                inputs.read(&path, Role::Texture, limits.file_bytes).map_err(|e| at(e.problem(), e.help(&path)))?;
             let decoded = decode_image(&bytes, &name, &limits).map_err(|e| at(e.problem, &e.help))?;
             pictures.insert(name, decoded.image);
         }

@@ -51,7 +51,7 @@ fn the_page_has_every_key_and_no_other() {
         all.extend(other.into_iter().map(str::to_owned));
     }
     assert_eq!(listed("## Defects", "| key |"), all);
-    assert_eq!(kinds.len(), 10);
+    assert_eq!(kinds.len(), 15);
     // Each distribution of the page can be read.
     let distributions = section("## Distributions");
     let mut count = 0;

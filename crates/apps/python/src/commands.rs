@@ -8,9 +8,16 @@ use dunkelfeld::commands::{MergeSettings, STATIONS, Station};
 use dunkelfeld::{InputFiles, SavedFilm};
 use dunkelfeld_io::input::Role;
 use pyo3::prelude::*;
+use std::ffi::OsString;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
+
+/// Runs a command line, whose first argument is the name of the program, and gives its exit code.
+#[pyfunction]
+pub(crate) fn run_command(py: Python<'_>, arguments: Vec<OsString>) -> u8 {
+    py.detach(|| dunkelfeld_cli::run(arguments))
+}
 
 /// Joins parts of one render (checkpoints with disjoint samples): bit by bit the film of one process. `checkpoint` is the
 /// path of a file for the whole, which is again a part. `memory` limits the memory: bytes, or a text such as "6GB".

@@ -42,6 +42,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<study::DataSet>()?;
     module.add_function(wrap_pyfunction!(inputs::read_image, module)?)?;
     module.add_function(wrap_pyfunction!(sensor::sensors, module)?)?;
+    module.add_function(wrap_pyfunction!(commands::run_command, module)?)?;
     module.add_function(wrap_pyfunction!(commands::merge, module)?)?;
     module.add_function(wrap_pyfunction!(commands::init_job, module)?)?;
     module.add_function(wrap_pyfunction!(commands::stations, module)?)?;

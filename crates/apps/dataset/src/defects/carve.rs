@@ -68,8 +68,10 @@ impl<'a> Moved<'a> {
             let mut is_held = vec![!is_through; all.len()];
             let nodes = |i: usize| moved.pieces.pieces[i].nodes.map(|node| node as usize);
             (0..is_front.len()).filter(|i| is_front[*i]).flat_map(nodes).for_each(|node| is_held[node] = false);
-            moved.shifts = all.iter().zip(is_held).map(|(shift, held)| if held { DVec3::ZERO } else { *shift }).collect();
-            moved.is_changed = moved.pieces.pieces.iter().map(|piece| piece.nodes.iter().any(|n| moved.is_moved(*n))).collect();
+            moved.shifts =
+                all.iter().zip(is_held).map(|(shift, held)| if held { DVec3::ZERO } else { *shift }).collect();
+            moved.is_changed =
+                moved.pieces.pieces.iter().map(|piece| piece.nodes.iter().any(|n| moved.is_moved(*n))).collect();
             let is_split = (0..is_front.len()).any(|i| !is_through && moved.is_changed[i] && !is_front[i]);
             if !is_split && moved.has_room(site, change) {
                 return (moved.is_inside() && moved.is_unfolded()).then_some(moved);
@@ -167,8 +169,10 @@ impl<'a> Moved<'a> {
         }
         let to_normal = to_mesh.matrix3.inverse().transpose();
         normals.resize(full.positions.len(), Vec3::ZERO);
-        shifted.iter().for_each(|(vertex, n)| normals[*vertex as usize] = (to_normal * *n).normalize_or_zero().as_vec3());
-            let defect = compact(&Mesh { normals, triangles: own, ..full.clone() });
+        shifted
+            .iter()
+            .for_each(|(vertex, n)| normals[*vertex as usize] = (to_normal * *n).normalize_or_zero().as_vec3());
+        let defect = compact(&Mesh { normals, triangles: own, ..full.clone() });
         full.triangles = rest;
         Some((defect, full))
     }

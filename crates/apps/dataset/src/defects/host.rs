@@ -127,7 +127,9 @@ impl EdgeTable {
                     let Some(edge) = way.try_normalize() else { continue };
                     if facing.is_none_or(|f| normal.dot(f) >= LEAST_COSINE) {
                         sum += way.length();
-                        table.edges.push((Anchor { instance: index, part, point, normal, edge: Some(edge) }, way.length()));
+                        table
+                            .edges
+                            .push((Anchor { instance: index, part, point, normal, edge: Some(edge) }, way.length()));
                         table.cumulative.push(sum);
                     }
                 }

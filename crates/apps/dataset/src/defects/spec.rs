@@ -253,10 +253,9 @@ impl Defect {
             |is_deep: bool, problem: &str, help: &str| is_deep.then(|| Fault::new(problem, help).below("depth"));
         let half = "give at most half of the width, which is a slope of 69 degrees";
         let fault = match self {
-            Self::Scratch(Scratch { length, width, depth, .. }) | Self::ColdShut(ColdShut { length, width, depth, .. }) => {
-                too_wide(length, width)
-                    .or_else(|| too_deep(depth.0 > 0.5 * width.0, "the groove is too deep for its width", half))
-            }
+            Self::Scratch(Scratch { length, width, depth, .. })
+            | Self::ColdShut(ColdShut { length, width, depth, .. }) => too_wide(length, width)
+                .or_else(|| too_deep(depth.0 > 0.5 * width.0, "the groove is too deep for its width", half)),
             Self::Dent(Dent { length, depth, .. }) => {
                 let help = "give at most a quarter of the diameter, which is a slope of 38 degrees";
                 too_deep(depth.0 > 0.25 * length.0, "the dent is too deep for its diameter", help)
@@ -268,9 +267,9 @@ impl Defect {
                 let help = "give at most a fifth of the pitch, which is a slope of 32 degrees";
                 let is_wave = (1.0..=100.0).contains(&(length.0 / pitch.0));
                 let no_wave = Fault::new("the pitch does not fit the length", "give 1 to 100 waves").below("pitch");
-                (!is_wave).then_some(no_wave).or_else(|| {
-                    too_deep(depth.0 > 0.2 * pitch.0, "the marks are too deep for their pitch", help)
-                })
+                (!is_wave)
+                    .then_some(no_wave)
+                    .or_else(|| too_deep(depth.0 > 0.2 * pitch.0, "the marks are too deep for their pitch", help))
             }
             Self::Fibre(Fibre { length, width, .. }) => too_wide(length, width),
             _ => None,

@@ -257,7 +257,8 @@ fn a_chip_takes_its_volume_from_an_edge() {
     let (mut sum, mut count) = (0.0, 0);
     for seed in 0..30 {
         let mut b = block();
-        let done = add_defect(&mut b, &spec_with("chip", &[1], "length = 0.06\ndepth = 0.01"), &mut stream(seed)).unwrap();
+        let done =
+            add_defect(&mut b, &spec_with("chip", &[1], "length = 0.06\ndepth = 0.01"), &mut stream(seed)).unwrap();
         let volume = loss(&block(), &b) / (16.0 / 15.0 * 0.03 * 0.01f64.powi(2));
         assert!(margin(done.at) < 1e-6 && (0.5..2.0).contains(&volume), "{seed}: {volume}");
         // Away from corners.
@@ -315,13 +316,18 @@ fn a_decal_has_its_size_around_a_cylinder() {
         let keys: Table = format!("{text}{angle}").parse().unwrap();
         let texels = Arc::new(Texels::Gray8(vec![[255]; 4 * 2]));
         let image = Some(Image { name: "x".into(), width: 4, height: 2, texels });
-        let spec = DefectSpec { name: "decal".into(), on: vec![0], defect: Defect::read("decal", &keys).unwrap(), image };
+        let spec =
+            DefectSpec { name: "decal".into(), on: vec![0], defect: Defect::read("decal", &keys).unwrap(), image };
         let done = add_defect(&mut b, &spec, &mut stream(seed)).unwrap();
         let (points, mesh) = placed(&b);
         let area = MeshHealth::from_mesh(&mesh).area;
         assert!((area / (0.9 * 0.45) - 1.0).abs() < 0.02, "{angle}: {area}");
-        let mut middle: Vec<(f32, DVec3)> =
-            mesh.uvs[0].iter().zip(&points).filter(|(uv, _)| (uv.y - 0.5).abs() < 1e-3).map(|(uv, p)| (uv.x, *p)).collect();
+        let mut middle: Vec<(f32, DVec3)> = mesh.uvs[0]
+            .iter()
+            .zip(&points)
+            .filter(|(uv, _)| (uv.y - 0.5).abs() < 1e-3)
+            .map(|(uv, p)| (uv.x, *p))
+            .collect();
         middle.sort_by(|a, b| a.0.total_cmp(&b.0));
         let way: f64 = middle.windows(2).map(|pair| pair[0].1.distance(pair[1].1)).sum();
         assert!((way / 0.9 - 1.0).abs() < 0.02, "{angle}: {way}");

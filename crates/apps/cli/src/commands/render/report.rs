@@ -258,8 +258,7 @@ fn matched(share: f64) -> String {
 
 /// The command that traces a sample again: everything that a camera sample depends on.
 fn replay_command(args: &RenderArgs, camera: Option<&str>, s: &Stats, sample: &str) -> String {
-    let program = std::env::args().next().unwrap_or_else(|| "dunkelfeld".into());
-    let mut words = vec![program, "render".into(), args.input.display().to_string()];
+    let mut words = vec!["dunkelfeld".into(), "render".into(), args.input.display().to_string()];
     let mut flag = |name: &str, value: String| words.extend([name.into(), value]);
     flag("--width", s.run.size[0].to_string());
     flag("--height", s.run.size[1].to_string());
