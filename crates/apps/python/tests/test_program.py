@@ -44,7 +44,7 @@ def test_an_interrupt_keeps_the_image(tmp_path: Path) -> None:
     ]
     with subprocess.Popen([*PACKAGE, *job, "-o", "a.png"], cwd=tmp_path, stderr=subprocess.PIPE) as process:
         assert process.stderr is not None
-        while b"refine" not in process.stderr.readline().lower():
+        while b"pilot" not in process.stderr.readline().lower():
             assert process.poll() is None
         time.sleep(0.5)
         process.send_signal(signal.SIGINT)
