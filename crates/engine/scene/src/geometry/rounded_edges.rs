@@ -119,9 +119,9 @@ impl RoundedEdges {
     /// The unit normal that a viewer in the unit direction `view` sees at a point \[m\] of a triangle with a unit normal, and the
     /// height \[m\] above the point from which no direction above that normal meets the mesh at the edge. `None` beside fillets.
     pub(crate) fn at(&self, triangle: u32, point: Vec3, normal: Vec3, view: Vec3) -> Option<(Vec3, f32)> {
-        let [start, end] = [0, 1].map(|k| self.starts[triangle as usize + k] as usize);
+        let [start, end] = *self.starts.get(triangle as usize..)?.first_chunk()?;
         let fillets = || {
-            let near = self.near[start..end].iter().map(|&side| &self.sides[side as usize]);
+            let near = self.near[start as usize..end as usize].iter().map(|&side| &self.sides[side as usize]);
             near.filter_map(|side| side.fillet(self.radius, point, normal, view))
         };
         let Fillet { along, sin, cos, mut lift } = fillets().min_by(|a, b| a.cos.total_cmp(&b.cos))?;

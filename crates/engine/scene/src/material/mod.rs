@@ -282,14 +282,13 @@ impl Material {
     pub fn texture_slots(&mut self) -> impl Iterator<Item = &mut Option<Texture>> {
         let (colors, numbers, others) = self.parameters();
         let of_colors = colors.map(|color| &mut color.texture);
-        of_colors.into_iter().chain(numbers.map(|number| &mut number.texture)).chain(others.into_iter().flatten())
+        of_colors.into_iter().chain(numbers.map(|number| &mut number.texture)).chain(others)
     }
 
     /// All that can have a texture: colours, numbers, and the textures of normal map and heights.
-    #[expect(clippy::type_complexity, reason = "the parts are named here only")]
     pub(crate) fn parameters(
         &mut self,
-    ) -> ([&mut Parameter<Rgb>; 5], [&mut Parameter<f32>; 9], [Option<&mut Option<Texture>>; 2]) {
+    ) -> ([&mut Parameter<Rgb>; 5], [&mut Parameter<f32>; 9], Vec<&mut Option<Texture>>) {
         let colors = [
             &mut self.base_color,
             &mut self.emission,
@@ -308,11 +307,11 @@ impl Material {
             &mut self.clearcoat.roughness,
             &mut self.anisotropy.strength,
         ];
-        let heights = match &mut self.height {
-            Some(HeightField::Image(image)) => Some(&mut image.texture),
-            _ => None,
-        };
-        (colors, numbers, [Some(&mut self.normal_map.texture), heights])
+        let mut others = vec![&mut self.normal_map.texture];
+        if let Some(HeightField::Image(image)) = &mut self.height {
+            others.push(&mut image.texture);
+        }
+        (colors, numbers, others)
     }
 }
 
