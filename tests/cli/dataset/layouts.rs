@@ -65,11 +65,11 @@ height = 48
 
 [budget]
 spp = 8
-strategy = "uniform"
 
 [sensor]
 model = "imx250"
 exposure = "2ms"
+exposure_noise = "plain"
 
 [[object]]
 name = "plate"
@@ -192,7 +192,7 @@ fn the_images_of_a_pair_differ_in_the_defect_alone() {
         assert!(!first["drawn"].as_object().expect("draws").keys().any(|name| name.starts_with("defect")));
         let plate = |record: &Value| record["instances"].as_array().expect("instances").len();
         assert_eq!((plate(&first), plate(&second)), (1, [2, 3, 1][good / 2 - 1]));
-        // The plate has the id 1, and fills the film.
+        // The plate has the id 1.
         let mask = gray(&bench.path(&format!("a/masks/{:06}.png", good + 1)));
         let near = |i: usize| {
             let (x, y) = (i % 64, i / 64);
