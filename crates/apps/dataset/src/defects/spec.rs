@@ -149,7 +149,7 @@ kinds! {
         roughness: Option<Share>, color: Option<Color>, metallic: Option<Share>, facing: Option<Direction>
     }
     /// A seam between two fronts of metal that met too cold to join: a narrow groove between rounded lips.
-    ColdShut "cold shut" {
+    ColdShut "cold_shut" {
         length: Size, width: Size, depth: Size, angle: Option<Angle>, curvature: Option<Angle>,
         roughness: Option<Share>, color: Option<Color>, metallic: Option<Share>, facing: Option<Direction>
     }
