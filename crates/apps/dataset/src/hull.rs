@@ -28,7 +28,7 @@ pub(crate) fn convex_hull(mut points: Vec<[i64; 2]>) -> Vec<[i64; 2]> {
 }
 
 /// The corners \[px\] of the rectangle with the smallest area around the corners of a convex hull, in one direction around it.
-/// One of its sides contains an edge of the hull (Freeman, Shapira 1975). Rectangles that are wider or higher than `limits`
+/// One of its sides contains an edge of the hull (Freeman and Shapira 1975). Rectangles that are wider or higher than `limits`
 /// do not count, but the one along the axes does. `None` for a hull without an area.
 pub(crate) fn smallest_rectangle(hull: &[[i64; 2]], limits: [u32; 2]) -> Option<[[f64; 2]; 4]> {
     if hull.len() < 3 {

@@ -37,8 +37,8 @@ pub(crate) struct TreeImage<'a> {
 }
 
 /// Adds the files of an image to those that it has in `images/`: a picture for each capture, and masks of its defects, 255 in
-/// the union of their visible pixels. An image whose defects are all hidden is not
-/// in the tree: it shows none, and may contain their shadows.
+/// the union of their visible pixels. An image whose defects are all hidden is not in the tree: it shows none, and may contain
+/// their shadows.
 pub(crate) fn add_tree(files: &mut Files, image: &TreeImage<'_>, ids: &Ids) -> Result<(), Error> {
     let visible: Vec<&InstanceRecord> =
         image.instances.iter().filter(|instance| instance.defect.is_some() && instance.area > 0).collect();
