@@ -168,6 +168,7 @@ fn put_in_use(b: &mut SceneBuilder, effect: Effect) -> Result<(), String> {
             let finish = Finish { process: Process::Grained { size: 1e-4 }, mean_deviation: 1e-12, seed: 0 };
             b.materials.iter_mut().for_each(|m| m.height = Some(HeightField::Finish(finish)));
         }
+        Effect::RoundedEdges => b.meshes.iter_mut().for_each(|m| m.edge_radius = 1e-9),
         Effect::Sheen => b.materials.iter_mut().for_each(|m| m.sheen.color.factor = Rgb::splat(FAINT)),
         Effect::Clearcoat => b.materials.iter_mut().for_each(|m| m.clearcoat.strength.factor = FAINT),
         Effect::EnergyCompensation => b.energy_compensation = true,

@@ -21,7 +21,6 @@ mod motion;
 mod outputs;
 mod project;
 mod references;
-mod rounded_edges;
 mod support;
 mod surfaces;
 mod transport;

@@ -26,6 +26,9 @@ const MAX_BAKED_COPIES: usize = 16_384;
 /// tree. Otherwise each has its own, so that a change of one object does not build the trees of the others again.
 const MAX_SHARED_TREE: usize = 262_144;
 
+/// Decides whether the parts of a mesh need the frame of their object.
+pub(crate) type HasFrame<'a> = dyn Fn(&MeshPart) -> bool + 'a;
+
 /// Geometry in its places: meshes in render space, and instanced meshes.
 #[derive(Default)]
 pub(crate) struct PlacedScene {
@@ -93,7 +96,7 @@ impl PlacedScene {
     pub(crate) fn new(
         placed: &[PlacedObject],
         meshes: &[MeshPart],
-        (baking, times, has_frame): (&Baking, Option<[f64; 2]>, &dyn Fn(&MeshPart) -> bool),
+        (baking, times, has_frame): (&Baking, Option<[f64; 2]>, &HasFrame<'_>),
         world_origin: DVec3,
         builds: &mut Builds<'_>,
     ) -> Result<Self, BuildError> {

@@ -243,6 +243,9 @@ pub struct Material {
     pub height: Option<HeightField>,
 }
 
+/// Colours, numbers, and other textures of a material.
+type Textured<'a> = ([&'a mut Parameter<Rgb>; 5], [&'a mut Parameter<f32>; 9], Vec<&'a mut Option<Texture>>);
+
 impl Material {
     /// True if the surface emits, at some places at least.
     pub fn emits(&self) -> bool {
@@ -286,9 +289,7 @@ impl Material {
     }
 
     /// All that can have a texture: colours, numbers, and the textures of normal map and heights.
-    pub(crate) fn parameters(
-        &mut self,
-    ) -> ([&mut Parameter<Rgb>; 5], [&mut Parameter<f32>; 9], Vec<&mut Option<Texture>>) {
+    pub(crate) fn parameters(&mut self) -> Textured<'_> {
         let colors = [
             &mut self.base_color,
             &mut self.emission,

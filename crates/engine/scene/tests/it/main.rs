@@ -10,4 +10,5 @@ mod lights;
 mod media;
 mod nesting;
 mod normal_differential;
+mod rounded_edges;
 mod shading;
