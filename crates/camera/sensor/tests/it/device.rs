@@ -32,11 +32,12 @@ fn faulty() -> FixedPattern {
         prnu: 0.01,
         prnu_row: 0.005,
         prnu_column: 0.003,
+        ..FixedPattern::default()
     }
 }
 
 fn device(spec: SensorSpec, seed: u64, size: (u32, u32)) -> Device {
-    Device::new(SensorModel::new(spec).expect("valid"), seed, size.0, size.1)
+    Device::new(SensorModel::new(spec).expect("valid"), seed, size.0, size.1).expect("a size")
 }
 
 /// 20 ms: two dark electrons per pixel.
@@ -82,7 +83,7 @@ fn the_parts_of_the_pattern_are_those_that_were_set() {
     let pattern = faulty();
     let mut sums = [[0.0; 3]; 2];
     for seed in 0..DEVICES {
-        let device = device(SensorSpec { fixed_pattern: pattern, ..spec() }, seed, SIZE);
+        let device = device(SensorSpec { fixed_pattern: pattern.clone(), ..spec() }, seed, SIZE);
         let at = |f: &dyn Fn(dunkelfeld_sensor::PixelPattern) -> f32| -> Vec<f64> {
             let places = (0..SIZE.1).flat_map(|y| (0..SIZE.0).map(move |x| (x, y)));
             places.map(|(x, y)| f64::from(f(device.pixel(x, y).expect("inside")))).collect()
@@ -269,7 +270,7 @@ fn a_line_scan_has_the_pattern_of_its_columns() {
     let model = SensorModel::new(SensorSpec { fixed_pattern: pixels_only, defects, ..spec() }).expect("valid");
     for stages in [1, 4] {
         let readout = Readout { line_scan_stages: stages, ..Readout::default() };
-        let device = Device::with_readout(model.clone(), 5, [WIDTH, 3], readout);
+        let device = Device::with_readout(model.clone(), 5, [WIDTH, 3], readout).expect("no maps");
         let row = |y| (0..WIDTH).map(move |x| (x, y));
         let pattern = |y| row(y).map(|(x, y)| device.pixel(x, y).expect("inside")).collect::<Vec<_>>();
         assert!(pattern(0) == pattern(1) && pattern(0) == pattern(2));
