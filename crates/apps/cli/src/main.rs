@@ -56,6 +56,8 @@ fn main() -> ExitCode {
         #[cfg(feature = "studies")]
         args::Command::Emva(a) => studies::run_emva(&a),
         #[cfg(feature = "studies")]
+        args::Command::Mtf(a) => studies::run_mtf(&a),
+        #[cfg(feature = "studies")]
         args::Command::Ptc(a) => studies::run_photon_transfer(&a),
         #[cfg(feature = "view")]
         args::Command::View(a) => commands::view::run(&a),

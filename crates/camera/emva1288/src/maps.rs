@@ -65,7 +65,8 @@ pub fn measured_maps(measurement: &Measurement, analysis: &Analysis) -> Result<O
     let of_pixels: [f64; 3] = true_variances(bright, &of_bright);
     let flat_parts = Parts::of(&flat, width);
     let detail_parts = Parts::of(&detail, width).scaled(|i, parts| {
-        let smooth = light * light * flat_parts.product(&flat_parts, i) + 2.0 * light * flat_parts.product(&dark_parts, i);
+        let smooth =
+            light * light * flat_parts.product(&flat_parts, i) + 2.0 * light * flat_parts.product(&dark_parts, i);
         let (r, c) = (light * light * parts.product(parts, i), light * parts.product(&dark_parts, i));
         let q = dark_parts.product(&dark_parts, i) + smooth - of_pixels[i];
         if r > 0.0 { ((c * c - r * q).max(0.0).sqrt() - c).max(0.0) / r } else { 0.0 }
@@ -107,11 +108,7 @@ impl Parts {
 
     /// The covariance with part `i` of another image: of pixels, rows or columns.
     fn product(&self, other: &Self, i: usize) -> f64 {
-        let freedom = [
-            (self.rows.len() - 1) * (self.columns.len() - 1),
-            self.rows.len() - 1,
-            self.columns.len() - 1,
-        ];
+        let freedom = [(self.rows.len() - 1) * (self.columns.len() - 1), self.rows.len() - 1, self.columns.len() - 1];
         self.all()[i].iter().zip(other.all()[i]).map(|(a, b)| a * b).sum::<f64>() / freedom[i] as f64
     }
 
@@ -134,21 +131,23 @@ fn low_frequencies(values: &[f64], width: usize) -> Vec<f64> {
     let height = values.len() / width;
     let (along, down) = (polynomials(width), polynomials(height));
     // The polynomials are orthonormal on the grid, so each coefficient is a sum of products.
-    let of_rows: Vec<Vec<f64>> =
-        values.chunks(width).map(|row| along.iter().map(|p| row.iter().zip(p).map(|(v, p)| v * p).sum()).collect()).collect();
+    let of_rows: Vec<Vec<f64>> = values
+        .chunks(width)
+        .map(|row| along.iter().map(|p| row.iter().zip(p).map(|(v, p)| v * p).sum()).collect())
+        .collect();
     let coefficient = |p: usize, q: usize| of_rows.iter().zip(&down[q]).map(|(row, d)| row[p] * d).sum::<f64>();
     let terms: Vec<(usize, usize, f64)> = (0..along.len())
         .flat_map(|p| (0..down.len()).map(move |q| (p, q)))
         .filter(|(p, q)| p + q <= DEGREE)
         .map(|(p, q)| (p, q, coefficient(p, q)))
         .collect();
-    let mut fit = Vec::with_capacity(values.len());
-    for y in 0..height {
+    let row = |y: usize| {
         let mut of_row = vec![0.0; along.len()];
         terms.iter().for_each(|&(p, q, c)| of_row[p] += c * down[q][y]);
-        fit.extend((0..width).map(|x| of_row.iter().zip(&along).map(|(c, p)| c * p[x]).sum::<f64>()));
-    }
-    fit
+        let along = &along;
+        (0..width).map(move |x| of_row.iter().zip(along).map(|(c, p)| c * p[x]).sum::<f64>())
+    };
+    (0..height).flat_map(row).collect()
 }
 
 /// Polynomials of rising degree that are orthonormal on `n` equidistant points (Gram). Few points have few of them.
@@ -190,7 +189,8 @@ mod tests {
         let worst = image.iter().zip(&fit).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         assert!(worst < 1e-3, "{worst}");
         // A pattern that alternates from pixel to pixel is none of it.
-        let fine: Vec<f64> = (0..width * height).map(|i| if (i % width + i / width) % 2 == 0 { 1.0 } else { -1.0 }).collect();
+        let fine: Vec<f64> =
+            (0..width * height).map(|i| if (i % width + i / width) % 2 == 0 { 1.0 } else { -1.0 }).collect();
         assert!(low_frequencies(&fine, width).iter().all(|v| v.abs() < 1e-2));
     }
 

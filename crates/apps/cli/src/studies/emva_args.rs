@@ -146,7 +146,7 @@ fn wavelength(text: &str) -> Result<f64, String> {
     number.filter(|v| WAVELENGTHS.contains(v)).ok_or("write a number from 100 to 20000, such as 545".into())
 }
 
-fn pitch(text: &str) -> Result<f64, String> {
+pub(super) fn pitch(text: &str) -> Result<f64, String> {
     let number = text.trim_end_matches("um").trim().parse().ok();
     number.filter(|v| PIXEL_PITCHES.contains(v)).ok_or("write a number from 0.1 to 1000, such as 3.45".into())
 }

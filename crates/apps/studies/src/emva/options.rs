@@ -40,17 +40,20 @@ impl AnalyseOptions {
     /// A distance of the pixels or a wavelength out of range, a sensor file without them or of a camera that is not
     /// linear, maps without a sensor file.
     pub fn check(&self) -> Result<(), Error> {
-        for (name, unit, value, range) in [
-            ("pixel pitch", "um", self.pixel_pitch, PIXEL_PITCHES),
-            ("wavelength", "nm", self.wavelength, WAVELENGTHS),
-        ] {
+        for (name, unit, value, range) in
+            [("pixel pitch", "um", self.pixel_pitch, PIXEL_PITCHES), ("wavelength", "nm", self.wavelength, WAVELENGTHS)]
+        {
             if let Some(value) = value.filter(|value| !range.contains(value)) {
                 let help = format!("choose {} to {} {unit}", range.start(), range.end());
                 return Err(Error::setting(name, format!("{value} {unit} is out of range"), help));
             }
         }
         if self.maps && self.sensor.is_none() {
-            return Err(Error::setting("maps", "the maps belong to a sensor file", "name one, as in --sensor mine.toml"));
+            return Err(Error::setting(
+                "maps",
+                "the maps belong to a sensor file",
+                "name one, as in --sensor mine.toml",
+            ));
         }
         if self.sensor.is_some() && self.general {
             let problem = "the general module finds neither K nor eta, which a sensor file needs";

@@ -2,10 +2,10 @@
 
 use super::measurement::ReadMeasurement;
 use super::options::AnalyseOptions;
+use dunkelfeld::Error;
 use dunkelfeld::film::Plane;
 use dunkelfeld::outputs::{save_text, written};
 use dunkelfeld::sensor::PixelMap;
-use dunkelfeld::Error;
 use dunkelfeld_emva1288::{Analysis, MeasuredMaps, Quantity, measured_maps};
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::sensor_file::parse_sensor;
@@ -95,7 +95,8 @@ impl<'a> Keys<'a> {
                 value
             }
             (Some(q), Some(bound)) => {
-                let _ = writeln!(self.text, "# {key}: unknown, {symbol} is at most {} {}", shortest(bound.limit), q.unit);
+                let _ =
+                    writeln!(self.text, "# {key}: unknown, {symbol} is at most {} {}", shortest(bound.limit), q.unit);
                 0.0
             }
             (None, _) => {
@@ -120,10 +121,15 @@ impl<'a> Keys<'a> {
 
     /// The dark noise is required: if only a bound is known, that is assumed.
     fn dark_noise(&mut self) -> f64 {
-        let Some(bound) = self.analysis.bound("sigma_d") else { return self.figure("dark_noise_e", "sigma_d", f64::INFINITY) };
+        let Some(bound) = self.analysis.bound("sigma_d") else {
+            return self.figure("dark_noise_e", "sigma_d", f64::INFINITY);
+        };
         self.assumed.push("dark_noise_e");
         let value = shortest(bound.limit);
-        let _ = writeln!(self.text, "dark_noise_e = {value}  # the upper bound of sigma_d; the data set does not show more");
+        let _ = writeln!(
+            self.text,
+            "dark_noise_e = {value}  # the upper bound of sigma_d; the data set does not show more"
+        );
         bound.limit
     }
 
@@ -156,8 +162,11 @@ impl<'a> Keys<'a> {
         self.text += "[dark_current]\n";
         self.line("e_per_s", &shortest(mean.value), mean);
         self.text += "at_c = 25  # temperature_c\ndoubling_k = 7  # not measured; usual for silicon\n";
-        if let Some(other) = known("mu_I.var").filter(|v| v.value - mean.value > 3.0 * v.standard_error.hypot(mean.standard_error)) {
-            let _ = writeln!(self.text, "# The noise shows more, {other}: the camera may subtract the mean dark current.");
+        if let Some(other) =
+            known("mu_I.var").filter(|v| v.value - mean.value > 3.0 * v.standard_error.hypot(mean.standard_error))
+        {
+            let _ =
+                writeln!(self.text, "# The noise shows more, {other}: the camera may subtract the mean dark current.");
         }
     }
 }
@@ -185,7 +194,8 @@ fn sensor_text(a: &Analysis, read: &ReadMeasurement, options: &AnalyseOptions, p
     let source = format!("dunkelfeld emva analyse {}, EMVA 1288", read.file.display());
     let head = Head { name: &stem, source, derived: vec!["full_well_e"], assumed: keys.assumed };
     // Plain data with string keys: serialisation cannot fail.
-    let mut text = toml_text(&head).unwrap_or_default() + "# A comment has the standard error of the value and its symbol.\n\n";
+    let mut text =
+        toml_text(&head).unwrap_or_default() + "# A comment has the standard error of the value and its symbol.\n\n";
     text += &keys.text;
     a.notes.iter().for_each(|note| text += &format!("# Note: {note}\n"));
     text

@@ -43,8 +43,8 @@ use std::path::{Path, PathBuf};
 use dunkelfeld_film::MAX_SIDE;
 use dunkelfeld_radiometry::{Celsius, DigitalNumber, Electrons, Metres, Nanometres, Number, Seconds};
 use dunkelfeld_sensor::{
-    BayerPattern, ColorFilter, DarkCurrent, Defects, Efficiency, FixedPattern, PRESETS, PixelMaps, Published, QuantumEfficiency,
-    SensorError, SensorModel, SensorSpec,
+    BayerPattern, ColorFilter, DarkCurrent, Defects, Efficiency, FixedPattern, PRESETS, PixelMaps, Published,
+    QuantumEfficiency, SensorError, SensorModel, SensorSpec,
 };
 use serde::Deserialize;
 use serde::de::{Deserializer, Error};

@@ -6,9 +6,9 @@ use std::path::Path;
 use dunkelfeld_film::{MAX_SIDE, Plane};
 use dunkelfeld_sensor::PixelMap;
 use tiff::decoder::{Decoder, DecodingResult};
-use tiff::{ColorType, TiffError};
 use tiff::encoder::{TiffEncoder, colortype};
 use tiff::tags::Tag;
+use tiff::{ColorType, TiffError};
 
 use crate::atomic::write_atomically;
 use crate::error::InputError;
