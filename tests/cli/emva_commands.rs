@@ -50,7 +50,7 @@ fn a_measured_camera_is_written_and_rendered() {
     }
     let text = String::from_utf8(bench.read("mine.toml")).expect("text");
     for part in [
-        "gain_dn_per_e = 0.3",
+        "gain_dn_per_e = 0.4",
         ", K\n",
         "[[536, 0.",
         "resolution = [48, 40]",

@@ -60,7 +60,7 @@ pub(super) fn save(
             keys += &toml_text(&std::collections::BTreeMap::from([(key, name)])).unwrap_or_default();
         }
         // Keys of the file itself are in front of its tables.
-        let at = text.find("[dark_current]").unwrap_or(text.len());
+        let at = text.find("\n[dark_current]\n").map_or(text.len(), |end| end + 1);
         text.insert_str(at, &keys);
     }
     save_text(path, &text)?;
