@@ -50,14 +50,14 @@ fn faulty(spec: SensorSpec) -> SensorSpec {
         dsnu_column: Electrons(0.5),
         prnu_row: 0.001,
         prnu_column: 0.002,
-        ..spec.fixed_pattern
+        ..spec.fixed_pattern.clone()
     };
     let defects = Defects { hot: 1e-4, hot_factor: 100.0, dead: 1e-5 };
     SensorSpec { fixed_pattern: pattern, defects, row_noise: Electrons(0.5), ..spec }
 }
 
 fn device(spec: SensorSpec) -> Option<Device> {
-    Some(Device::new(SensorModel::new(spec).ok()?, 1, WIDTH, HEIGHT))
+    Device::new(SensorModel::new(spec).ok()?, 1, WIDTH, HEIGHT).ok()
 }
 
 /// Exposes equal shares of the rows on threads of their own.

@@ -37,6 +37,41 @@ fn a_data_set_is_written_and_its_figures_are_found() {
     assert!(stdout(&general).contains("sigma_p.dark") && !stdout(&general).contains("eta"), "{}", stdout(&general));
 }
 
+/// The written sensor is checked by `sensors`, and rendered with its maps: only at their size.
+#[test]
+fn a_measured_camera_is_written_and_rendered() {
+    let bench = Bench::new();
+    bench.run(&format!("emva dataset --sensor imx900-lcg -o set {SMALL}")).code(0);
+    let analyse =
+        "emva analyse set/emva.txt --sensor mine.toml --maps --pixel-pitch 2.25 --wavelength 536 --progress none";
+    let run = bench.run(analyse).code(0);
+    for name in ["mine.toml", "mine-dsnu.tif", "mine-prnu.tif", "mine-flat.tif"] {
+        assert!(stdout(&run).contains(&format!("wrote {name}\n")) && bench.path(name).is_file(), "{}", stdout(&run));
+    }
+    let text = String::from_utf8(bench.read("mine.toml")).expect("text");
+    for part in [
+        "gain_dn_per_e = 0.4",
+        ", K\n",
+        "[[536, 0.",
+        "resolution = [48, 40]",
+        "prnu_map = \"mine-prnu.tif\"",
+        "# Note: ",
+    ] {
+        assert!(text.contains(part), "`{part}` is not in\n{text}");
+    }
+    assert!(stdout(&bench.run("sensors mine.toml").code(0)).contains("mine"));
+    bench.write("job.toml", "scene = \"scene.gltf\"\nsensor = { model = \"mine.toml\" }\n[budget]\nspp = 1\n");
+    bench.run("render job.toml --width 48 --height 40 -o a.png --progress none").code(0);
+    let run = bench.run("render job.toml --width 40 --height 40 -o b.png --progress none").code(2);
+    assert!(stderr(&run).contains("40 x 40") && stderr(&run).contains("48 x 40"), "{}", stderr(&run));
+    // Without stacks there are no maps, and nothing is written.
+    let whole = String::from_utf8(bench.read("set/emva.txt")).expect("text");
+    let stacks = whole.rfind("\nd ").expect("the dark stack");
+    bench.write("set/pairs.txt", &whole[..=stacks]);
+    let run = bench.run(&analyse.replace("emva.txt", "pairs.txt").replace("mine.toml", "other.toml")).code(2);
+    assert!(stderr(&run).contains("there are no stacks") && !bench.path("other.toml").exists(), "{}", stderr(&run));
+}
+
 #[test]
 fn impossible_requests_end_with_code_2_help_and_no_output() {
     let bench = Bench::new();
@@ -85,6 +120,10 @@ fn impossible_requests_end_with_code_2_help_and_no_output() {
             &["b_001_0.png", "is a frame", "help: write to another file"],
         ),
         ("analyse set/emva.txt --json r --html ./r", &["./r", "two outputs", "help: give each its own file"]),
+        ("analyse set/emva.txt --sensor m.toml --pixel-pitch 3.45", &["neither", "--wavelength 545"]),
+        ("analyse set/emva.txt --general --sensor m.toml --pixel-pitch 3.45 --wavelength 545", &["neither K", "help:"]),
+        ("analyse set/emva.txt --sensor m.png", &["--sensor", "mine.toml"]),
+        ("analyse set/emva.txt --maps", &["--sensor"]),
         ("analyse set/emva.txt --release 5.0", &["5.0", "4.0", "3.1"]),
         ("analyse set/emva.txt --pixel-pitch 0", &["--pixel-pitch", "3.45"]),
     ];

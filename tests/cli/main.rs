@@ -15,6 +15,7 @@ mod machine_faults;
 mod markup;
 mod memory;
 mod messages;
+mod mtf;
 mod noise_bench;
 mod parts;
 mod ptc;

@@ -12,7 +12,7 @@ use assert_cmd::Command;
 use std::fs;
 
 /// The commands of the program, subcommands of subcommands included.
-const COMMANDS: [&str; 15] = [
+const COMMANDS: [&str; 16] = [
     "",
     "render",
     "merge",
@@ -23,6 +23,7 @@ const COMMANDS: [&str; 15] = [
     "emva",
     "emva dataset",
     "emva analyse",
+    "mtf",
     "ptc",
     "view",
     "init",

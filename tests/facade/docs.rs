@@ -4,19 +4,23 @@
 //! Replay: `cargo test -p dunkelfeld --test it docs::NAME`.
 
 use crate::support::{Add, build, emitter, rendered, sensor, settings, spot_camera, square};
+use dunkelfeld::film::Plane;
 use dunkelfeld::geometry::DVec3;
 use dunkelfeld::memory::{MemoryAccount, MemoryItem, MemoryStats};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::{Effect, Material, Scene, SceneBuilder};
+use dunkelfeld::sensor::PixelMap;
 use dunkelfeld::stats::{DenoiseStats, HeavySample, PartStats, STATS_VERSION};
 use dunkelfeld::{Budget, Project, RenderSettings, Stage, Stats, develop_film, find_sensor};
 use dunkelfeld_io::InputError;
 use dunkelfeld_io::job::{Job, light_keys, object_keys};
 use dunkelfeld_io::sensor_file::parse_sensor;
+use dunkelfeld_io::tiff::write_map;
 use dunkelfeld_io::toml_file::TomlFile;
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
 
 // --- Pages -------------------------------------------------------------------------------------------------------------
 
@@ -123,8 +127,17 @@ fn read_job(text: &str) -> Result<String, InputError> {
     Ok(said.split(", source: TomlFile").next().unwrap_or_default().to_owned())
 }
 
+/// Sensors, with the maps of the examples beside the file.
 fn read_sensor(text: &str) -> Result<String, InputError> {
-    parse_sensor(&TomlFile::from_text("sensor.toml", text)).map(|model| format!("{model:?}"))
+    static FOLDER: LazyLock<tempfile::TempDir> = LazyLock::new(|| {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        for name in ["dsnu", "prnu", "flat"] {
+            let map = PixelMap::new(Plane::new(4, 3, 1.0)).expect("finite");
+            write_map(&folder.path().join(format!("{name}.tif")), &map, name).expect("writable");
+        }
+        folder
+    });
+    parse_sensor(&TomlFile::from_text(FOLDER.path().join("sensor.toml"), text)).map(|model| format!("{model:?}"))
 }
 
 const ROOT: &str = "The file itself";

@@ -50,7 +50,7 @@ fn a_rare_sample_is_not_compensated_by_its_neighbours() {
     let chance = 0.01 / f64::from(SAMPLES);
     assert!(0.5 * spread < mean, "samples are not negative");
 
-    let device = Device::new((**model).clone(), settings.seed, 64, 48);
+    let device = Device::new((**model).clone(), settings.seed, 64, 48).expect("no maps");
     // Frames without a rare sample, sums of grey values and of squares: as it is exposed, and with all variance left
     // out.
     let mut sums = vec![[[0.0f64; 3]; 2]; pixels];

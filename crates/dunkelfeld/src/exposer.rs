@@ -149,7 +149,8 @@ impl Exposer {
         let ImageExposure { exposure, no_light } = ImageExposure::new(settings.exposure, radiance, model, optics)?;
         let response = Response::new(model, optics, exposure);
         let MeanElectrons { plane: electrons, invalid } = electrons(radiance, &response);
-        let device = Device::with_readout(model.clone(), settings.seed, [radiance.width(), radiance.height()], readout);
+        let device =
+            Device::with_readout(model.clone(), settings.seed, [radiance.width(), radiance.height()], readout)?;
         Ok(Self {
             device,
             response,

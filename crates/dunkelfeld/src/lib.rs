@@ -159,9 +159,9 @@ pub mod sensor {
     pub use crate::shutter::TimedExposure;
     pub use dunkelfeld_sensor::{
         BayerPattern, ChannelSheet, ColorFilter, DarkCurrent, DataSheet, Device, Efficiency, Exposure, ExposureNoise,
-        Figure, FilterColor, FrameKey, ImageExposure, LensBlur, MtfCurve, MtfTable, Optics, PRESETS, Psf, Published,
-        QuantumEfficiency, Readout, Response, SensorError, SensorModel, SensorSpec, auto_exposure, data_sheet, display,
-        electrons,
+        Figure, FilterColor, FrameKey, ImageExposure, LensBlur, MtfCurve, MtfTable, Optics, PRESETS, PixelMap,
+        PixelMaps, Psf, Published, QuantumEfficiency, Readout, Response, SensorError, SensorModel, SensorSpec,
+        auto_exposure, data_sheet, display, electrons,
     };
 }
 

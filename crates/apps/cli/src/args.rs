@@ -6,7 +6,7 @@ use crate::key_flags::OfLens;
 use crate::key_flags::{KeyFlags, OfExpose, OfMerge, OfRender};
 use crate::run_args::{MemoryArgs, RunArgs};
 #[cfg(feature = "studies")]
-use crate::studies::{BenchArgs, DatasetArgs, EmvaArgs, PtcArgs};
+use crate::studies::{BenchArgs, DatasetArgs, EmvaArgs, MtfArgs, PtcArgs};
 #[cfg(feature = "view")]
 use crate::values::socket_address;
 use crate::values::{effect, pause, pixel_sample, sample_range, within};
@@ -50,6 +50,9 @@ pub(crate) enum Command {
     /// Write EMVA 1288 data sets of simulated cameras, and analyse those of any camera.
     #[cfg(feature = "studies")]
     Emva(Box<EmvaArgs>),
+    /// Measure the MTF of a camera and of its lens from frames of a slanted edge (ISO 12233).
+    #[cfg(feature = "studies")]
+    Mtf(MtfArgs),
     /// Measure the photon transfer of a scene's frames: the experiments of Kludt et al., and the camera's own curve from
     /// noise-matched frames. Writes a report.
     #[cfg(feature = "studies")]

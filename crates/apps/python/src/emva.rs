@@ -77,8 +77,8 @@ pub(crate) fn emva_dataset<'py>(
 
 /// See `dunkelfeld.emva.analyse`.
 #[pyfunction]
-#[pyo3(signature = (input, *, release="4.0", general=false, pixel_pitch=None, json=None, html=None, threads=None,
-    progress=None))]
+#[pyo3(signature = (input, *, release="4.0", general=false, pixel_pitch=None, wavelength=None, sensor=None,
+    maps=false, json=None, html=None, threads=None, progress=None))]
 #[allow(clippy::too_many_arguments, reason = "keywords of Python")]
 pub(crate) fn emva_analyse<'py>(
     py: Python<'py>,
@@ -86,31 +86,41 @@ pub(crate) fn emva_analyse<'py>(
     release: &str,
     general: bool,
     pixel_pitch: Option<LengthArgument>,
+    wavelength: Option<LengthArgument>,
+    sensor: Option<PathBuf>,
+    maps: bool,
     json: Option<PathBuf>,
     html: Option<PathBuf>,
     #[pyo3(from_py_with = some_threads_of)] threads: Option<usize>,
     progress: Option<Py<PyAny>>,
 ) -> Result<Bound<'py, PyDict>, Failure> {
     let release = named("release", release, &[("4.0", Release::R40), ("3.1", Release::R31)])?;
-    let micrometres = |length: LengthArgument| Ok::<_, Failure>(1e6 * length.metres("pixel_pitch")?);
-    let pixel_pitch = pixel_pitch.map(micrometres).transpose()?;
-    let options = AnalyseOptions::default().with_release(release).with_general(general).with_pixel_pitch(pixel_pitch);
+    let pixel_pitch = pixel_pitch.map(|length| length.metres("pixel_pitch")).transpose()?;
+    let wavelength = wavelength.map(|length| length.metres("wavelength")).transpose()?;
+    let options = AnalyseOptions::default()
+        .with_release(release)
+        .with_general(general)
+        .with_pixel_pitch(pixel_pitch.map(|metres| 1e6 * metres))
+        .with_wavelength(wavelength.map(|metres| 1e9 * metres))
+        .with_sensor(sensor)
+        .with_maps(maps);
     options.check()?;
     let threads = checked_threads(threads)?.unwrap_or(0);
     let done = supervised(py, progress.as_ref(), 0, |sink, cancel| {
-        Findings::check_outputs(&input, json.as_deref(), html.as_deref())?;
+        Findings::check_outputs(&input, &options, json.as_deref(), html.as_deref())?;
         let session = Session::new(threads)?.with_progress(sink).with_cancel(cancel);
         let Some(read) = read_measurement(&input, &session)? else { return Ok(None) };
         let findings = options.analyse(&read)?;
+        let sensor = findings.save_sensor(&read, &options)?;
         if let Some(path) = &json {
             findings.save_json(path)?;
         }
         if let Some(path) = &html {
             findings.save_html(&read, path)?;
         }
-        Ok(Some((findings, read.warnings)))
+        Ok(Some((findings, read.warnings, sensor)))
     })?;
-    let (findings, warnings) = completed(done)?.ok_or_else(cancelled)?;
+    let (findings, warnings, sensor) = completed(done)?.ok_or_else(cancelled)?;
     let quantities = PyDict::new(py);
     for quantity in findings.quantities() {
         quantities.set_item(quantity.symbol, loaded(py, quantity)?)?;
@@ -120,6 +130,8 @@ pub(crate) fn emva_analyse<'py>(
     entries.set_item("quantities", quantities)?;
     entries.set_item("notes", notes)?;
     entries.set_item("figures", loaded(py, &findings)?)?;
+    let sensor: Vec<String> = sensor.iter().map(|path| path.display().to_string()).collect();
+    entries.set_item("sensor", sensor)?;
     for (key, path) in [("json", json), ("html", html)] {
         entries.set_item(key, path.map(|path| path.display().to_string()))?;
     }

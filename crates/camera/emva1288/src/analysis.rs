@@ -81,6 +81,8 @@ pub struct Analysis {
     pub quantities: Vec<Quantity>,
     /// The figures of which only an upper or lower bound is known.
     pub bounds: Vec<Bound>,
+    /// The grey value of saturated pixels \[DN\], if most pixels of the brightest level have the same.
+    pub saturation_value: Option<u16>,
     /// Range of K \[DN/e-\], if rounding hides the dark variance that its regression subtracts.
     pub gain_range: Option<[f64; 2]>,
     /// Differences from the requirements of the standard, and how the analysis treats them.
@@ -189,6 +191,7 @@ pub fn analyse(measurement: &Measurement, settings: &AnalysisSettings) -> Result
         bits: data.bits,
         quantities,
         bounds,
+        saturation_value: saturation.largest,
         gain_range: hidden.gains(),
         notes,
         levels: levels.collect(),
@@ -212,7 +215,7 @@ struct Row {
 }
 
 #[rustfmt::skip]
-const ROWS: [Row; 24] = {
+const ROWS: [Row; 25] = {
     const fn row(is: Is, symbol: &'static str, name: &'static str, unit: &'static str, section: &'static str) -> Row {
         Row { is, symbol, name, unit, section, is_square: false, scale: 1.0 }
     }
@@ -226,6 +229,7 @@ const ROWS: [Row; 24] = {
         row(Is::Gain, "K", "overall system gain", "DN/e-", "6.6 sensitivity, eq. 50"),
         row(Is::Responsivity, "R", "responsivity", "DN/photon", SENSITIVITY),
         root(Is::DarkNoise2, "sigma_d", "temporal dark noise", "e-", SENSITIVITY, 1.0),
+        root(Is::RowNoise2, "sigma_d.row", "temporal dark noise of rows", "e-", "of dark pairs, beside the standard", 1.0),
         root(Is::DarkVariance, "sigma_y.dark", "temporal dark noise", "DN", SENSITIVITY, 1.0),
         row(Is::DarkMean, "mu_y.dark", "dark grey value", "DN", SENSITIVITY),
         row(Is::LeastPhotons, "mu_p.min", "absolute sensitivity threshold", "photons", "2.6, eq. 27"),

@@ -208,6 +208,7 @@ mod tests {
             saturation: exact(1000.0),
             response: exact(1.0),
             offset: exact(0.0),
+            row_variance: Estimate::default(),
             spatial: None,
             is_bound: false,
         }

@@ -61,6 +61,7 @@ impl Hidden {
         };
         match is {
             Is::DarkNoise2 | Is::DarkVariance | Is::LeastElectrons | Is::LeastPhotons => of(Side::Below),
+            Is::RowNoise2 => self.bound(Is::DarkNoise2),
             Is::Range | Is::RangeDb => of(Side::Above),
             Is::Dsnu2 | Is::DsnuPixel2 | Is::DsnuRow2 | Is::DsnuColumn2 => self.dsnu2.map(|v| (v, Side::Below)),
             _ => None,

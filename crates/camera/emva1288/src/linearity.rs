@@ -112,6 +112,7 @@ mod tests {
             saturation: exact(f64::MAX),
             response: exact(1.0),
             offset: exact(0.0),
+            row_variance: Estimate::default(),
             spatial: None,
             is_bound: false,
         }

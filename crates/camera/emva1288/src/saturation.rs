@@ -17,6 +17,8 @@ pub(crate) struct Saturation {
     pub(crate) error: f64,
     /// Mean grey value there, without dark \[DN\].
     pub(crate) signal: f64,
+    /// The largest grey value \[DN\], if most pixels of the brightest level have it.
+    pub(crate) largest: Option<u16>,
     /// A note on the method, if it is not that of the release.
     pub(crate) note: Option<String>,
 }
@@ -27,17 +29,16 @@ pub(crate) struct Saturation {
 /// largest possible. For normal noise around the mean, that share is a normal integral. So the point follows from the
 /// level whose share is most informative, and from the width of the distribution on the last level below.
 pub(crate) fn saturation(data: &Ordered<'_>, release: Release) -> Result<Saturation, AnalysisError> {
-    let by_share = match release {
-        Release::R40 => by_share(data),
-        Release::R31 => None,
-    };
+    let by_share = by_share(data);
+    let largest = by_share.and_then(|_| data.bright.iter().map(|s| s.level.pair.largest).max());
     let is_other = by_share.is_none() && release == Release::R40;
+    let by_share = by_share.filter(|_| release == Release::R40);
     let (photons, error) = by_share.map_or_else(|| by_peak(data), Ok)?;
     let note = is_other.then(|| {
         "the brightest frames do not end at one largest value: saturation is the peak of the variance, as in release 3.1"
             .to_owned()
     });
-    Ok(Saturation { photons, error, signal: signal_at(data, photons), note })
+    Ok(Saturation { photons, error, signal: signal_at(data, photons), largest, note })
 }
 
 /// Photons and standard error from the share of the largest value. `None` if no level saturates.

@@ -42,6 +42,8 @@ pub(crate) struct Summary {
     /// Difference of the mean dark value of these pixels from that of all pixels of their kind \[DN\]: 0, with its
     /// standard error.
     pub(crate) offset: Estimate,
+    /// Temporal dark variance that the pixels of a row share \[DN^2\], mean over the dark pairs.
+    pub(crate) row_variance: Estimate,
     /// Statistics of the bright and the dark stack, and the similarity of their patterns.
     pub(crate) spatial: Option<(Spatial, Spatial, Likeness)>,
     /// The dark variance is so small that [`MIN_DARK_VARIANCE`] replaces it.
@@ -59,6 +61,7 @@ pub(crate) enum Is {
     /// These are squares: a square root cannot be taken before errors are known.
     DarkVariance,
     DarkNoise2,
+    RowNoise2,
     LeastElectrons,
     LeastPhotons,
     MostPhotons,
@@ -100,6 +103,12 @@ impl Summary {
                 Likeness::from_stacks(&bright.stack, &dark.stack),
             )
         });
+        let pairs = data.dark.len() as f64;
+        let of_rows = |i: usize| data.dark.iter().map(move |l| l.pair.row_variance[i]);
+        let row_variance = Estimate {
+            value: of_rows(0).sum::<f64>() / pairs,
+            error: of_rows(1).map(|e| e * e).sum::<f64>().sqrt() / pairs,
+        };
         let mut summary = Self {
             bright,
             dark,
@@ -107,6 +116,7 @@ impl Summary {
             saturation: Estimate { value: saturation.photons, error: saturation.error },
             response: Estimate { value: 1.0, error: 0.0 },
             offset: Estimate::default(),
+            row_variance,
             spatial,
             is_bound: false,
         };
@@ -157,6 +167,7 @@ impl Summary {
         let dark_variance = if self.is_bound { MIN_DARK_VARIANCE } else { self.dark_variance() };
         set(Is::DarkVariance, dark_variance);
         set(Is::DarkNoise2, (dark_variance - ROUNDING) / (gain * gain));
+        set(Is::RowNoise2, self.row_variance.value / (gain * gain));
         if has_times {
             set(Is::DarkCurrentMean, mean_line.0 / gain);
             set(Is::DarkCurrentVariance, variance_line.0 / (gain * gain));
@@ -222,7 +233,7 @@ impl Summary {
 
 impl Inputs for Summary {
     fn count(&self) -> usize {
-        3 + 2 * (self.bright.len() + self.dark.len()) + if self.spatial.is_some() { 8 } else { 0 }
+        4 + 2 * (self.bright.len() + self.dark.len()) + if self.spatial.is_some() { 8 } else { 0 }
     }
 
     fn moved(&self, index: usize, sign: f64) -> Self {
@@ -233,8 +244,9 @@ impl Inputs for Summary {
             0 => shift(&mut s.saturation, sign),
             1 => shift(&mut s.response, sign),
             2 => shift(&mut s.offset, sign),
-            i if i - 3 < 2 * levels => {
-                let (which, is_variance) = ((i - 3) / 2, i % 2 == 0);
+            3 => shift(&mut s.row_variance, sign),
+            i if i - 4 < 2 * levels => {
+                let (which, is_variance) = ((i - 4) / 2, i % 2 == 1);
                 let point = s.bright.iter_mut().chain(&mut s.dark).nth(which);
                 if let Some(p) = point {
                     shift(if is_variance { &mut p.variance } else { &mut p.mean }, sign);
@@ -250,7 +262,7 @@ impl Inputs for Summary {
                         (&mut bright.column_means, &mut dark.column_means),
                         (&mut bright.row_means, &mut dark.row_means),
                     ];
-                    match i - 3 - 2 * levels {
+                    match i - 4 - 2 * levels {
                         6 => shift(&mut bright.temporal, sign),
                         7 => shift(&mut dark.temporal, sign),
                         part => {
@@ -327,7 +339,8 @@ mod tests {
         let saturation = exact(10_000.0);
         let response = exact(1.0);
         let offset = exact(0.0);
-        Summary { bright, dark, used: 7, saturation, response, offset, spatial: None, is_bound: false }
+        let row_variance = exact(1.0);
+        Summary { bright, dark, used: 7, saturation, response, offset, row_variance, spatial: None, is_bound: false }
     }
 
     #[test]
@@ -341,6 +354,7 @@ mod tests {
             (Is::Efficiency, 0.6),
             (Is::DarkMean, 20.0),
             (Is::DarkNoise2, sigma_d2),
+            (Is::RowNoise2, 4.0),
             (Is::DarkCurrentMean, 2.0),
             (Is::DarkCurrentVariance, 2.0),
             (Is::LeastElectrons, least),
@@ -369,7 +383,7 @@ mod tests {
         for p in s.bright.iter_mut().chain(&mut s.dark) {
             (p.mean.error, p.variance.error) = (1.0, 1.0);
         }
-        (s.saturation.error, s.response.error, s.offset.error) = (1.0, 0.1, 0.1);
+        (s.saturation.error, s.response.error, s.offset.error, s.row_variance.error) = (1.0, 0.1, 0.1, 0.1);
         for i in 0..s.count() {
             let m = s.moved(i, 1.0);
             let changed = s
@@ -380,7 +394,8 @@ mod tests {
                 .filter(|(a, b)| a.mean != b.mean || a.variance != b.variance)
                 .count();
             let others = [m.saturation != s.saturation, m.response != s.response, m.offset != s.offset];
-            let others = others.into_iter().filter(|c| *c).count();
+            let others = others.into_iter().chain([m.row_variance != s.row_variance]);
+            let others = others.filter(|c| *c).count();
             assert_eq!(changed + others, 1, "input {i}");
         }
     }

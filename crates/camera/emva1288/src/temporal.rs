@@ -118,6 +118,9 @@ pub struct FramePair {
     pub mean: Quantity,
     /// Temporal variance of one frame.
     pub variance: Quantity,
+    /// The part of the variance that the pixels of a row share, and its standard error \[DN^2\]. Negative by chance, NaN
+    /// for a single row or column.
+    pub row_variance: [f64; 2],
     /// Number of pixels.
     pub pixels: u64,
     /// Fraction of the values that are zero. The variance of a clipped signal is too small.
@@ -170,6 +173,9 @@ impl FramePair {
         let variance_error = 0.5 * variances.error(((fourth - second * second).max(0.0) / n).sqrt());
         let mean_error = 0.5 * means.error((2.0 * variance.max(0.0) / n).sqrt());
         let mean = all.sum as f64 / (2.0 * n);
+        // The mean over N pixels of a row has the variance sigma_row^2 + (sigma_y^2 - sigma_row^2) / N.
+        let (of_means, alone) = (0.5 * means.variance(), 1.0 / width as f64);
+        let row_variance = [of_means - variance * alone, of_means * (2.0 / (means.rows - 1.0)).sqrt()];
         Ok(Self {
             mean: Quantity {
                 symbol: "mu_y",
@@ -187,6 +193,7 @@ impl FramePair {
                 unit: "DN^2",
                 section: "EMVA 1288 release 4.0 Linear, variance of two frames",
             },
+            row_variance: row_variance.map(|v| v / (1.0 - alone)),
             pixels: a.values().len() as u64,
             at_zero: zeros as f64 / (2.0 * n),
             largest,
@@ -202,6 +209,7 @@ impl FramePair {
         for (q, unit) in [(&mut self.mean, unit), (&mut self.variance, unit * unit)] {
             (q.value, q.standard_error) = (q.value / unit, q.standard_error / unit);
         }
+        self.row_variance = self.row_variance.map(|v| v / (unit * unit));
         self.spread /= unit * unit;
         (self.largest, self.step) = (self.largest / step, self.step / step);
         self
@@ -250,14 +258,19 @@ impl RowSpread {
         self.squares += v * v;
     }
 
+    /// The variance of the rows.
+    fn variance(&self) -> f64 {
+        let mean = self.sum / self.rows;
+        (self.squares / self.rows - mean * mean).max(0.0) * self.rows / (self.rows - 1.0)
+    }
+
     /// The standard error of the mean. It is `independent`, which assumes independent pixels, unless rows scatter by
     /// five of their own standard errors more than that allows.
     fn error(&self, independent: f64) -> f64 {
         if self.rows < 2.0 {
             return independent;
         }
-        let mean = self.sum / self.rows;
-        let variance = (self.squares / self.rows - mean * mean).max(0.0) / (self.rows - 1.0);
+        let variance = self.variance() / self.rows;
         let limit = independent * independent * (1.0 + 5.0 * (2.0 / (self.rows - 1.0)).sqrt());
         if variance > limit { variance.sqrt() } else { independent }
     }

@@ -37,6 +37,14 @@ pub enum SensorError {
     /// A table is no MTF.
     #[error("the MTF {0}")]
     Mtf(String),
+    /// A map of the pixels does not fit the sensor.
+    #[error("{name} {problem}")]
+    Map {
+        /// The key of the map in a sensor file.
+        name: &'static str,
+        /// The fault, as the continuation of the name.
+        problem: String,
+    },
     /// A plane does not have the size of the device.
     #[error("the device has {0} x {1} pixels, the plane {2} x {3}")]
     Size(u32, u32, u32, u32),

@@ -76,7 +76,10 @@ pub struct Device {
 
 impl Device {
     /// The device of an area sensor for a seed, with `width * height` pixels.
-    pub fn new(model: SensorModel, seed: u64, width: u32, height: u32) -> Self {
+    ///
+    /// # Errors
+    /// The model has maps of another size.
+    pub fn new(model: SensorModel, seed: u64, width: u32, height: u32) -> Result<Self, SensorError> {
         Self::with_readout(model, seed, [width, height], Readout::default())
     }
 
@@ -85,13 +88,22 @@ impl Device {
     /// All rows of a line scan have the same pixels. So its fixed pattern consists of columns: the mean over the stages,
     /// whose charges are added. A column is hot if a pixel of its stages is. Runs on the threads of the pool of the caller, if
     /// there is one.
-    pub fn with_readout(model: SensorModel, seed: u64, [width, height]: [u32; 2], readout: Readout) -> Self {
+    ///
+    /// # Errors
+    /// The model has maps of another size.
+    pub fn with_readout(
+        model: SensorModel,
+        seed: u64,
+        [width, height]: [u32; 2],
+        readout: Readout,
+    ) -> Result<Self, SensorError> {
+        model.check_size([width, height], readout)?;
         let is_line_scan = readout.line_scan_stages > 0;
         let pattern_rows = if is_line_scan { height.min(1) } else { height };
         let drawn_rows = if is_line_scan { readout.line_scan_stages } else { height };
         let pattern = Pattern::draw(&model.spec().fixed_pattern, &model.spec().defects, seed, width, drawn_rows);
         let pattern = if is_line_scan { pattern.mean_of_rows(width) } else { pattern };
-        Self { model, seed, width, height, pattern_rows, pattern }
+        Ok(Self { model, seed, width, height, pattern_rows, pattern })
     }
 
     /// Indices in the pattern of the pixels of a row.

@@ -25,6 +25,7 @@ mod efficiency;
 mod error;
 mod expose;
 mod lens_blur;
+mod maps;
 mod matched;
 mod model;
 mod optics;
@@ -41,6 +42,7 @@ pub use efficiency::{BANDS, BayerPattern, ColorFilter, Efficiency, FilterColor, 
 pub use error::{SensorError, time_in_words};
 pub use expose::{Device, FrameKey, Readout};
 pub use lens_blur::LensBlur;
+pub use maps::{PixelMap, PixelMaps};
 pub use matched::{ExposureNoise, LeftOut, holds, largest_variance, left_out, matched_where};
 pub use model::{DarkCurrent, Published, SensorModel, SensorSpec};
 pub use optics::{

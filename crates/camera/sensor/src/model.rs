@@ -4,6 +4,8 @@ use dunkelfeld_radiometry::{Celsius, DigitalNumber, Electrons, Metres, Seconds};
 
 use crate::efficiency::Efficiency;
 use crate::error::{SensorError, in_range};
+use crate::expose::Readout;
+use crate::maps::PixelMaps;
 use crate::optics::{Exposure, LONGEST};
 use crate::pattern::{Defects, FixedPattern};
 
@@ -152,7 +154,7 @@ impl SensorModel {
         in_range("bit_depth", f64::from(s.bit_depth), 8.0, 16.0, "from 8 to 16")?;
         let top = f64::from(max_value(s.bit_depth));
         in_range("offset", s.offset.0, 0.0, 0.9 * top, "from 0 to 90 % of the largest grey value")?;
-        s.fixed_pattern.check(s.full_well)?;
+        s.fixed_pattern.check(s.full_well, s.resolution)?;
         s.defects.check()?;
         if s.defects.hot > 0.0 && s.dark_current.rate <= 0.0 {
             let allowed = "0 without a dark current: that is what a hot pixel has more of";
@@ -181,9 +183,12 @@ impl SensorModel {
     /// remain, because the data sheet contains no others.
     ///
     /// # Errors
-    /// If the pixels become larger than the model allows.
+    /// If the pixels become larger than the model allows, or have maps.
     pub fn binned(&self, factor: u32) -> Result<Self, SensorError> {
         let mut spec = self.0.clone();
+        if let Some(name) = spec.fixed_pattern.maps.name().filter(|_| factor > 1) {
+            return Err(SensorError::Map { name, problem: "is of single pixels, and these are binned".into() });
+        }
         let side = f64::from(factor.max(1));
         spec.pixel_pitch = Metres(spec.pixel_pitch.0 * side);
         spec.dark_current.rate *= side * side;
@@ -192,6 +197,29 @@ impl SensorModel {
             spec.name = format!("{}, binned {factor} x {factor}", spec.name);
         }
         Self::new(spec)
+    }
+
+    /// The sensor without its maps: other devices of its kind, of any size.
+    #[must_use]
+    pub fn without_maps(&self) -> Self {
+        let mut spec = self.0.clone();
+        spec.fixed_pattern.maps = PixelMaps::default();
+        Self(spec)
+    }
+
+    /// Checks that a device of that size can have the maps of the model. All rows of a line scan have the pixels of its
+    /// stages.
+    ///
+    /// # Errors
+    /// The maps have another size.
+    pub fn check_size(&self, [width, height]: [u32; 2], readout: Readout) -> Result<(), SensorError> {
+        let rows = if readout.line_scan_stages > 0 { readout.line_scan_stages } else { height };
+        match self.0.fixed_pattern.maps.size() {
+            Some([columns, of_map]) if [columns, of_map] != [width, rows] => {
+                Err(SensorError::Size(width, rows, columns, of_map))
+            }
+            _ => Ok(()),
+        }
     }
 
     /// The shortest and the longest exposure time of the camera.

@@ -10,6 +10,7 @@ use rand_core::Rng as _;
 use rand_distr::{Distribution, StandardNormal};
 
 use crate::error::{SensorError, in_range};
+use crate::maps::PixelMaps;
 use crate::parallel::for_rows;
 use crate::random::stream;
 
@@ -25,7 +26,7 @@ const ROUNDED: f64 = 2e-3;
 ///
 /// The totals are DSNU1288 and PRNU1288 of data sheets. The parts of rows and columns are parts of these totals. The
 /// rest is the part of single pixels.
-#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct FixedPattern {
     /// Dark signal non-uniformity, DSNU1288 \[e-\], with all parts.
     pub dsnu: Electrons,
@@ -39,6 +40,9 @@ pub struct FixedPattern {
     pub prnu_row: f64,
     /// The part of it that the pixels of a column share, PRNU1288.col.
     pub prnu_column: f64,
+    /// The measured pattern of one camera. A map of DSNU or PRNU replaces the one that is drawn by the numbers.
+    #[serde(default)]
+    pub maps: PixelMaps,
 }
 
 impl FixedPattern {
@@ -53,7 +57,7 @@ impl FixedPattern {
     }
 
     /// Checks that all values are in range and that the parts together do not exceed the total.
-    pub(crate) fn check(&self, full_well: Electrons) -> Result<(), SensorError> {
+    pub(crate) fn check(&self, full_well: Electrons, resolution: Option<[u32; 2]>) -> Result<(), SensorError> {
         let left = |total: f64, row: f64| (total * total * (1.0 + ROUNDED) - row * row).max(0.0).sqrt();
         in_range("dsnu", self.dsnu.0, 0.0, full_well.0, "from 0 electrons to the full well")?;
         in_range("prnu", self.prnu, 0.0, 1.0, "from 0 to 100 %")?;
@@ -62,7 +66,20 @@ impl FixedPattern {
         in_range("dsnu_row", self.dsnu_row.0, 0.0, self.dsnu.0, part)?;
         in_range("dsnu_column", self.dsnu_column.0, 0.0, left(self.dsnu.0, self.dsnu_row.0), second)?;
         in_range("prnu_row", self.prnu_row, 0.0, self.prnu, part)?;
-        in_range("prnu_column", self.prnu_column, 0.0, left(self.prnu, self.prnu_row), second)
+        in_range("prnu_column", self.prnu_column, 0.0, left(self.prnu, self.prnu_row), second)?;
+        self.maps.check(resolution)
+    }
+
+    /// The part that a seed draws: without the numbers of the maps.
+    fn drawn(&self) -> Self {
+        let mut drawn = Self { maps: PixelMaps::default(), ..self.clone() };
+        if self.maps.dsnu.is_some() {
+            drawn = Self { dsnu: Electrons(0.0), dsnu_row: Electrons(0.0), dsnu_column: Electrons(0.0), ..drawn };
+        }
+        if self.maps.prnu.is_some() {
+            drawn = Self { prnu: 0.0, prnu_row: 0.0, prnu_column: 0.0, ..drawn };
+        }
+        drawn
     }
 }
 
@@ -126,7 +143,7 @@ pub(crate) struct Pattern {
 impl Pattern {
     /// The pattern for a seed.
     pub(crate) fn draw(differences: &FixedPattern, defects: &Defects, seed: u64, width: u32, height: u32) -> Self {
-        let p = differences;
+        let p = differences.drawn();
         let count = u64::from(width) * u64::from(height);
         let is_flat = p.dsnu.0 <= 0.0 && p.prnu <= 0.0;
         let mut pixels = Vec::new();
@@ -155,11 +172,12 @@ impl Pattern {
                 0
             });
         }
+        differences.maps.apply(&mut pixels);
         let mut hot = Vec::new();
         if defects.hot > 0.0 || defects.dead > 0.0 {
             let key = hash_u64([seed, DEFECTS]);
-            if is_flat && defects.dead > 0.0 {
-                pixels = vec![PixelPattern::NONE; count as usize];
+            if defects.dead > 0.0 {
+                pixels.resize(count as usize, PixelPattern::NONE);
             }
             for pixel in 0..count {
                 // A uniform number of 53 bits.

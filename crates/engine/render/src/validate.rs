@@ -14,8 +14,9 @@ pub fn validate(s: &RenderSettings) -> Result<(), Error> {
         let problem = format!("{paths} are more than {MAX_TRAINING_PATHS}");
         return Err(Error::setting("training paths", problem, "render the plan again"));
     }
-    if let SensorChoice::Emva { model, exposure: Some(exposure), .. } = &s.sensor {
-        model.check_exposure(*exposure)?;
+    if let SensorChoice::Emva { model, exposure, .. } = &s.sensor {
+        exposure.map_or(Ok(()), |exposure| model.check_exposure(exposure))?;
+        model.check_size([s.width, s.height], s.readout)?;
     }
     if s.strategy == Some(Strategy::Sensor) && !s.has_sensor() {
         let problem = "the allocation `sensor` needs the noise of a sensor, and there is no sensor";

@@ -29,8 +29,8 @@ const HAS_TARGET: u32 = 2;
 const HAS_OBJECTS: u32 = 4;
 const HAS_MATERIALS: u32 = 8;
 const ALL_FLAGS: u32 = HAS_WEIGHTS | HAS_TARGET | HAS_OBJECTS | HAS_MATERIALS;
-/// The longest text \[bytes\].
-const MAX_TEXT: u32 = 16 << 20;
+/// The longest text \[bytes\]. The maps of a sensor take 16 bytes of it for each pixel.
+const MAX_TEXT: u32 = 1 << 30;
 /// Rows that share a checksum.
 const BAND: u32 = 16;
 const CHECKSUM: u64 = 8;

@@ -19,6 +19,8 @@ pub enum Role {
     Job,
     /// A sensor file.
     Sensor,
+    /// A map of the pixels of a sensor.
+    PixelMap,
     /// The MTF of a lens.
     Mtf,
     /// The plan that is replayed.
@@ -43,7 +45,7 @@ pub enum Role {
 
 impl Role {
     /// All uses.
-    pub const ALL: [Self; 18] = [
+    pub const ALL: [Self; 19] = [
         Self::Scene,
         Self::Texture,
         Self::Buffer,
@@ -52,6 +54,7 @@ impl Role {
         Self::Environment,
         Self::Job,
         Self::Sensor,
+        Self::PixelMap,
         Self::Mtf,
         Self::Plan,
         Self::Checkpoint,
@@ -75,6 +78,7 @@ impl Role {
             Self::Environment => "the environment image",
             Self::Job => "the job",
             Self::Sensor => "the sensor file",
+            Self::PixelMap => "a map of the sensor",
             Self::Mtf => "the MTF of the lens",
             Self::Plan => "the plan to replay",
             Self::Checkpoint => "a checkpoint",

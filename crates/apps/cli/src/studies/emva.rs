@@ -47,11 +47,14 @@ fn dataset(args: &DatasetArgs) -> Result<Outcome, Error> {
 }
 
 fn analyse(args: &AnalyseArgs) -> Result<Outcome, Error> {
-    Findings::check_outputs(&args.input, args.json.as_deref(), args.html.as_deref())?;
     let options = AnalyseOptions::default()
         .with_release(args.release)
         .with_general(args.general)
-        .with_pixel_pitch(args.pixel_pitch);
+        .with_pixel_pitch(args.pixel_pitch)
+        .with_wavelength(args.wavelength)
+        .with_sensor(args.sensor.clone())
+        .with_maps(args.maps);
+    Findings::check_outputs(&args.input, &options, args.json.as_deref(), args.html.as_deref())?;
     let Some(read) = args.run.work(|session| read_measurement(&args.input, session))? else {
         return Ok(Outcome::Interrupted);
     };
@@ -60,6 +63,9 @@ fn analyse(args: &AnalyseArgs) -> Result<Outcome, Error> {
         say(&format!("note: {line}"));
     }
     let mut text = findings.table();
+    for path in findings.save_sensor(&read, &options)? {
+        text += &format!("wrote {}\n", path.display());
+    }
     if let Some(path) = &args.json {
         findings.save_json(path)?;
         text += &format!("wrote {}\n", path.display());

@@ -7,7 +7,7 @@ use clap::builder::TypedValueParser;
 use clap::{Args, Subcommand};
 use dunkelfeld::io::Time;
 use dunkelfeld::sensor::FilterColor;
-use dunkelfeld_studies::emva::{EXPOSURES, PIXEL_PITCHES, Vary};
+use dunkelfeld_studies::emva::{EXPOSURES, PIXEL_PITCHES, Vary, WAVELENGTHS};
 use dunkelfeld_studies::emva1288::Release;
 use std::path::PathBuf;
 
@@ -88,9 +88,19 @@ pub(crate) struct AnalyseArgs {
     /// noise, threshold and range at the input.
     #[arg(long)]
     pub(crate) general: bool,
-    /// Distance of the pixels in um, for figures per area.
+    /// Distance of the pixels in um, for figures per area and for --sensor.
     #[arg(long, value_name = "UM", value_parser = pitch)]
     pub(crate) pixel_pitch: Option<f64>,
+    /// Wavelength of the light in nm, for --sensor.
+    #[arg(long, value_name = "NM", value_parser = wavelength)]
+    pub(crate) wavelength: Option<f64>,
+    /// Write the measured camera as a sensor file, for the key `model` of a job. It needs --pixel-pitch and --wavelength.
+    #[arg(long, value_name = "FILE.toml", value_parser = sensor_path)]
+    pub(crate) sensor: Option<PathBuf>,
+    /// With --sensor, also write maps of DSNU, PRNU and flat field (FILE-dsnu.tif, FILE-prnu.tif, FILE-flat.tif; 32-bit
+    /// floats), which the sensor file names: the simulated camera then has these pixels.
+    #[arg(long, requires = "sensor")]
+    pub(crate) maps: bool,
     /// All results, and the numbers of the plots.
     #[arg(long, value_name = "FILE.json")]
     pub(crate) json: Option<PathBuf>,
@@ -125,12 +135,18 @@ fn size(text: &str) -> Result<[u32; 2], String> {
         .ok_or_else(|| format!("write width and height, 16 to {}, as in 640x480", dunkelfeld::limits::MAX_SIDE))
 }
 
-fn wavelength(text: &str) -> Result<f64, String> {
-    let number = text.trim_end_matches("nm").trim().parse().ok();
-    number.filter(|v| (100.0..=20_000.0).contains(v)).ok_or("write a number from 100 to 20000, such as 545".into())
+fn sensor_path(text: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(text);
+    let is_toml = path.extension().is_some_and(|end| end.eq_ignore_ascii_case("toml"));
+    if is_toml { Ok(path) } else { Err("name a file that ends in .toml, such as mine.toml".into()) }
 }
 
-fn pitch(text: &str) -> Result<f64, String> {
+fn wavelength(text: &str) -> Result<f64, String> {
+    let number = text.trim_end_matches("nm").trim().parse().ok();
+    number.filter(|v| WAVELENGTHS.contains(v)).ok_or("write a number from 100 to 20000, such as 545".into())
+}
+
+pub(super) fn pitch(text: &str) -> Result<f64, String> {
     let number = text.trim_end_matches("um").trim().parse().ok();
     number.filter(|v| PIXEL_PITCHES.contains(v)).ok_or("write a number from 0.1 to 1000, such as 3.45".into())
 }

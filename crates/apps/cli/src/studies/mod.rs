@@ -1,4 +1,4 @@
-//! The commands of the feature `studies`: `bench`, `dataset`, `ptc` and `emva`.
+//! The commands of the feature `studies`: `bench`, `dataset`, `ptc`, `emva` and `mtf`.
 
 mod bench;
 mod bench_args;
@@ -6,6 +6,7 @@ mod dataset;
 mod dataset_args;
 mod emva;
 mod emva_args;
+mod mtf;
 mod photon_transfer;
 mod photon_transfer_args;
 mod series;
@@ -16,5 +17,6 @@ pub(crate) use dataset::run as run_dataset;
 pub(crate) use dataset_args::DatasetArgs;
 pub(crate) use emva::run as run_emva;
 pub(crate) use emva_args::EmvaArgs;
+pub(crate) use mtf::{MtfArgs, run as run_mtf};
 pub(crate) use photon_transfer::run as run_photon_transfer;
 pub(crate) use photon_transfer_args::PtcArgs;

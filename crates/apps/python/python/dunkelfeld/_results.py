@@ -61,6 +61,8 @@ class EmvaAnalysis(TypedDict):
     """Differences of the data set from the standard."""
     figures: dict[str, Any]
     """All results, and the numbers of the plots."""
+    sensor: list[str]
+    """The sensor file and its maps; empty without `sensor`."""
     json: str | None
     """Path of the file with the results."""
     html: str | None

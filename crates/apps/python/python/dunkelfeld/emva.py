@@ -76,6 +76,9 @@ def analyse(
     release: Literal["4.0", "3.1"] = "4.0",
     general: bool = False,
     pixel_pitch: float | str | None = None,
+    wavelength: float | str | None = None,
+    sensor: Path | None = None,
+    maps: bool = False,
     json: Path | None = None,
     html: Path | None = None,
     threads: int | None = None,
@@ -84,12 +87,13 @@ def analyse(
     """Analyses a data set by EMVA 1288. `input` is the path of its descriptor.
 
     `release` of the standard defines saturation; `general` selects the module for cameras that are not linear;
-    `pixel_pitch`, in metres or a text such as "3.45um", gives figures per area. `json` and `html` are the paths of files with all results and of the
+    `pixel_pitch`, in metres or a text such as "3.45um", gives figures per area. `sensor` is the path of the sensor file to write, a TOML file; it needs
+    `pixel_pitch` and `wavelength`, and `maps=True` writes maps of the pixels beside it. `json` and `html` are the paths of files with all results and of the
     report; without them no file is written.
 
     Returns a dictionary: `quantities` (by symbol: dictionaries with `value`, `standard_error`, `unit`, `name` and
     `section`; a value that is not finite is None), `notes` (differences from the standard), `figures` (all results and
-    the numbers of the plots, as in the file `json`), `json` and `html` (paths or None).
+    the numbers of the plots, as in the file `json`), `sensor` (the sensor file and its maps), `json` and `html` (paths or None).
 
     Raises `InputError` for a data set that cannot be analysed, `SettingError` for a value out of range, `OutputError`
     for a file that cannot be written.
@@ -99,6 +103,9 @@ def analyse(
         release=release,
         general=general,
         pixel_pitch=pixel_pitch,
+        wavelength=wavelength,
+        sensor=sensor,
+        maps=maps,
         json=json,
         html=html,
         threads=threads,

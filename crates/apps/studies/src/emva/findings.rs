@@ -1,6 +1,7 @@
 //! The results of the analyser, for users and programs.
 
 use super::measurement::ReadMeasurement;
+use super::options::AnalyseOptions;
 use super::page;
 use dunkelfeld::Error;
 use dunkelfeld::guard::{Output, check_outputs};
@@ -10,7 +11,7 @@ use dunkelfeld_io::InputError;
 use dunkelfeld_io::emva_descriptor::read_descriptor;
 use dunkelfeld_io::input::{InputFiles, Role};
 use serde::Serialize;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// The results of a data set.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -23,14 +24,23 @@ pub enum Findings {
 }
 
 impl Findings {
-    /// Checks before frames are read whether the files can be written: each to its own path, and none with the path of
-    /// the descriptor or of a frame.
+    /// Checks before frames are read the options, and whether the files can be written: each to its own path, and none with
+    /// the path of the descriptor or of a frame.
     ///
     /// # Errors
-    /// The first file that cannot be written; a descriptor that cannot be read.
-    pub fn check_outputs(input: &Path, json: Option<&Path>, html: Option<&Path>) -> Result<(), Error> {
+    /// Those of [`AnalyseOptions::check`]; the first file that cannot be written; a descriptor that cannot be read.
+    pub fn check_outputs(
+        input: &Path,
+        options: &AnalyseOptions,
+        json: Option<&Path>,
+        html: Option<&Path>,
+    ) -> Result<(), Error> {
+        options.check()?;
         let paths = [("the figures as JSON", json), ("the report", html)];
-        let outputs: Vec<Output<'_>> = paths.into_iter().filter_map(|(what, path)| Some((what, path?))).collect();
+        let sensor_files = options.sensor_files();
+        let of_sensor = sensor_files.iter().map(|path| ("the measured sensor", path.as_path()));
+        let outputs: Vec<Output<'_>> =
+            paths.into_iter().filter_map(|(what, path)| Some((what, path?))).chain(of_sensor).collect();
         if outputs.is_empty() {
             return Ok(());
         }
@@ -125,6 +135,17 @@ impl Findings {
     /// One page with the figures and the plots of the standard. It needs no other file.
     pub fn html(&self, read: &ReadMeasurement) -> String {
         page::page(self, read)
+    }
+
+    /// Writes the sensor file of the options and its maps, and returns the files: none without a sensor file.
+    ///
+    /// # Errors
+    /// Figures that no sensor can have, maps without stacks, and those of the file system.
+    pub fn save_sensor(&self, read: &ReadMeasurement, options: &AnalyseOptions) -> Result<Vec<PathBuf>, Error> {
+        match (self, &options.sensor) {
+            (Self::Linear(analysis), Some(path)) => super::sensor_file::save(analysis, read, options, path),
+            _ => Ok(Vec::new()),
+        }
     }
 
     /// Writes [`Findings::json`].

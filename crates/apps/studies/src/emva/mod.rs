@@ -12,11 +12,12 @@ mod measurement;
 mod options;
 mod page;
 mod plan;
+mod sensor_file;
 mod truth;
 
 pub use dataset::{DESCRIPTOR, TRUTH, WrittenDataset, write_dataset};
 pub use findings::Findings;
 pub use measurement::{ReadMeasurement, read_measurement};
-pub use options::{AnalyseOptions, PIXEL_PITCHES};
+pub use options::{AnalyseOptions, PIXEL_PITCHES, WAVELENGTHS};
 pub use plan::{DatasetPlan, DatasetSettings, EXPOSURES, Shot, Vary};
 pub use truth::Truth;

@@ -141,7 +141,7 @@ impl DatasetPlan {
         let per_irradiance = photon::photons(model.spec().pixel_pitch, Irradiance(1.0), s.exposure, wavelength);
         let irradiance = Irradiance(most / per_irradiance);
         let light = Light { wavelength, efficiency, irradiance };
-        let device = Device::new(model, s.seed, s.width, s.height);
+        let device = Device::new(model, s.seed, s.width, s.height)?;
         let mut plan = Self { device, settings: s.clone(), light, saturation, shots: Vec::new() };
         plan.lay_out(saturation / (efficiency * most))?;
         Ok(plan)

@@ -140,6 +140,7 @@ pub(super) fn truth(model: &SensorModel, light: &Light, settings: &DatasetSettin
         ("K", gain),
         ("R", gain * efficiency),
         ("sigma_d", dark_noise2.sqrt()),
+        ("sigma_d.row", s.row_noise.0),
         ("sigma_y.dark", dark_variance.sqrt()),
         ("mu_y.dark", s.offset.0 + gain * dark),
         ("mu_e.min", least),

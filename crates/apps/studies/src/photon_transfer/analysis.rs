@@ -371,7 +371,7 @@ impl Reader<'_> {
         let nothing = Plane::new(width, height, 0.0);
         let frames = units.iter().map(|unit| {
             let seed = self.renders.seed(unit);
-            let device = Device::new(model.clone(), seed, width, height);
+            let device = Device::new(model.clone(), seed, width, height)?;
             // Their frame numbers differ from those of all frames with light.
             Ok(device.expose(&nothing, exposure, FrameKey { seed, frame: !unit.frame })?)
         });
@@ -386,7 +386,7 @@ fn linear_bin(range: [f64; 2]) -> f64 {
 
 /// The curve of the sensor alone, as measured on a test bench: two frames of uniform light at each level.
 fn sensor_curve(model: &SensorModel, exposure: Exposure, seed: u64) -> Result<SensorCurve, Error> {
-    let device = Device::new(model.clone(), seed, LEVEL_SIDE, LEVEL_SIDE);
+    let device = Device::new(model.without_maps(), seed, LEVEL_SIDE, LEVEL_SIDE)?;
     let pair = |level: u32| -> Result<FramePair, Error> {
         let electrons = model.saturation().0 * f64::from(level) / f64::from(LEVELS);
         let light = Plane::new(LEVEL_SIDE, LEVEL_SIDE, electrons as f32);

@@ -114,7 +114,7 @@ impl View {
     /// The 8-bit picture of the camera, with noise; `None` without a sensor.
     pub(crate) fn exposed(&self, signal: &Plane<f32>, seed: u64) -> Option<Plane<u8>> {
         let (model, _, exposure) = self.camera.as_ref()?;
-        let device = Device::new(model.clone(), seed, signal.width(), signal.height());
+        let device = Device::new(model.clone(), seed, signal.width(), signal.height()).ok()?;
         let frame = device.expose(signal, *exposure, FrameKey { seed, frame: 0 }).ok()?;
         Some(display::frame_to_8bit(&frame, model))
     }

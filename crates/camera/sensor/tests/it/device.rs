@@ -6,7 +6,8 @@
 use dunkelfeld_film::Plane;
 use dunkelfeld_radiometry::{DigitalNumber, Electrons, Seconds};
 use dunkelfeld_sensor::{
-    BayerPattern, Defects, Device, Exposure, FixedPattern, FrameKey, Readout, SensorModel, SensorSpec,
+    BayerPattern, Defects, Device, Exposure, FixedPattern, FrameKey, PixelMap, PixelMaps, Readout, SensorError,
+    SensorModel, SensorSpec,
 };
 use dunkelfeld_testkit::{sidak, z_test};
 
@@ -32,11 +33,12 @@ fn faulty() -> FixedPattern {
         prnu: 0.01,
         prnu_row: 0.005,
         prnu_column: 0.003,
+        ..FixedPattern::default()
     }
 }
 
 fn device(spec: SensorSpec, seed: u64, size: (u32, u32)) -> Device {
-    Device::new(SensorModel::new(spec).expect("valid"), seed, size.0, size.1)
+    Device::new(SensorModel::new(spec).expect("valid"), seed, size.0, size.1).expect("a size")
 }
 
 /// 20 ms: two dark electrons per pixel.
@@ -82,7 +84,7 @@ fn the_parts_of_the_pattern_are_those_that_were_set() {
     let pattern = faulty();
     let mut sums = [[0.0; 3]; 2];
     for seed in 0..DEVICES {
-        let device = device(SensorSpec { fixed_pattern: pattern, ..spec() }, seed, SIZE);
+        let device = device(SensorSpec { fixed_pattern: pattern.clone(), ..spec() }, seed, SIZE);
         let at = |f: &dyn Fn(dunkelfeld_sensor::PixelPattern) -> f32| -> Vec<f64> {
             let places = (0..SIZE.1).flat_map(|y| (0..SIZE.0).map(move |x| (x, y)));
             places.map(|(x, y)| f64::from(f(device.pixel(x, y).expect("inside")))).collect()
@@ -269,7 +271,7 @@ fn a_line_scan_has_the_pattern_of_its_columns() {
     let model = SensorModel::new(SensorSpec { fixed_pattern: pixels_only, defects, ..spec() }).expect("valid");
     for stages in [1, 4] {
         let readout = Readout { line_scan_stages: stages, ..Readout::default() };
-        let device = Device::with_readout(model.clone(), 5, [WIDTH, 3], readout);
+        let device = Device::with_readout(model.clone(), 5, [WIDTH, 3], readout).expect("no maps");
         let row = |y| (0..WIDTH).map(move |x| (x, y));
         let pattern = |y| row(y).map(|(x, y)| device.pixel(x, y).expect("inside")).collect::<Vec<_>>();
         assert!(pattern(0) == pattern(1) && pattern(0) == pattern(2));
@@ -286,4 +288,53 @@ fn a_line_scan_has_the_pattern_of_its_columns() {
         let expected = share * f64::from(WIDTH);
         z_test(columns as f64, (expected * (1.0 - share)).sqrt(), expected).assert(sidak(RATE, 6), "hot columns");
     }
+}
+
+fn map(width: u32, height: u32, at: impl FnMut(u32, u32) -> f32) -> PixelMap {
+    PixelMap::new(Plane::from_fn(width, height, at)).expect("finite")
+}
+
+/// Maps replace the drawn pattern, whatever the seed. What has no map is drawn as without maps.
+#[test]
+fn a_device_has_the_pixels_of_its_maps() {
+    const SIZE: (u32, u32) = (20, 10);
+    let with = |maps: PixelMaps| SensorSpec { fixed_pattern: FixedPattern { maps, ..faulty() }, ..spec() };
+    let dark = |x: u32, y: u32| x as f32 - 3.0 * y as f32;
+    let flat = |x: u32, _: u32| 1.0 + 0.01 * x as f32;
+    let dsnu = Some(map(SIZE.0, SIZE.1, dark));
+    let flat_field = Some(map(SIZE.0, SIZE.1, flat));
+    let drawn = device(with(PixelMaps::default()), 7, SIZE);
+    let partly = device(with(PixelMaps { dsnu: dsnu.clone(), flat_field: flat_field.clone(), prnu: None }), 7, SIZE);
+    let prnu = Some(map(SIZE.0, SIZE.1, |x, y| 1.0 + 0.1 * ((x + y) % 2) as f32));
+    let all = PixelMaps { dsnu, prnu, flat_field };
+    let wholly = device(with(all.clone()), 99, SIZE);
+    for (x, y) in (0..SIZE.1).flat_map(|y| (0..SIZE.0).map(move |x| (x, y))) {
+        let at = |device: &Device| device.pixel(x, y).expect("inside");
+        assert_eq!(at(&partly).dark, dark(x, y));
+        assert_eq!(at(&partly).response, at(&drawn).response * flat(x, y));
+        assert_eq!(at(&wholly).dark, dark(x, y));
+        assert_eq!(at(&wholly).response, (1.0 + 0.1 * ((x + y) % 2) as f32) * flat(x, y));
+    }
+    // A dead pixel stays dead, and a model with maps is restored to the last bit.
+    let spec = SensorSpec { defects: Defects { dead: 0.1, ..Defects::default() }, ..with(all) };
+    let dead = device(spec.clone(), 1, SIZE);
+    let pixels = (0..SIZE.0 * SIZE.1).map(|i| dead.pixel(i % SIZE.0, i / SIZE.0).expect("inside").response);
+    assert!((1..60).contains(&pixels.filter(|r| *r == 0.0).count()));
+    let model = SensorModel::new(spec).expect("valid");
+    let text = serde_json::to_string(&model).expect("plain data");
+    assert_eq!(serde_json::from_str::<SensorModel>(&text).expect("the text that was written"), model);
+}
+
+#[test]
+fn maps_that_do_not_fit_are_refused() {
+    let with =
+        |maps: PixelMaps| SensorModel::new(SensorSpec { fixed_pattern: FixedPattern { maps, ..faulty() }, ..spec() });
+    let dsnu = Some(map(20, 10, |_, _| -1.0));
+    let model = with(PixelMaps { dsnu: dsnu.clone(), ..PixelMaps::default() }).expect("valid");
+    assert!(matches!(Device::new(model.clone(), 1, 20, 11), Err(SensorError::Size(20, 11, 20, 10))));
+    assert!(model.binned(2).is_err() && model.without_maps().binned(2).is_ok());
+    let flat_field = Some(map(20, 11, |_, _| 1.0));
+    assert!(with(PixelMaps { dsnu: dsnu.clone(), flat_field, ..PixelMaps::default() }).is_err());
+    assert!(with(PixelMaps { prnu: dsnu, ..PixelMaps::default() }).is_err());
+    assert!(PixelMap::new(Plane::new(2, 2, f32::NAN)).is_err());
 }

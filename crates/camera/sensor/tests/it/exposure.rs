@@ -11,7 +11,7 @@ const SIZE: u32 = 256;
 const PIXELS: f64 = (SIZE * SIZE) as f64;
 
 fn device(spec: SensorSpec, seed: u64) -> Device {
-    Device::new(SensorModel::new(spec).expect("valid"), seed, SIZE, SIZE)
+    Device::new(SensorModel::new(spec).expect("valid"), seed, SIZE, SIZE).expect("no maps")
 }
 
 fn exposure() -> Exposure {

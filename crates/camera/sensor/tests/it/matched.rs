@@ -16,7 +16,7 @@ const FRAMES: u32 = 4;
 const BAR: f64 = 0.03;
 
 fn device(spec: SensorSpec) -> Device {
-    Device::new(SensorModel::new(spec).expect("valid"), 1, SIZE, SIZE)
+    Device::new(SensorModel::new(spec).expect("valid"), 1, SIZE, SIZE).expect("no maps")
 }
 
 fn exposure() -> Exposure {

@@ -20,6 +20,7 @@
 //! prnu_percent = 0.7                          # optional, 0 if absent; with prnu_row_percent and prnu_column_percent
 //! temperature_c = 36                          # optional, 25 if absent
 //! min_exposure_us = 19                        # optional, as max_exposure_s: no limit if absent
+//! dsnu_map = "dsnu.tif"                       # optional, as prnu_map and flat_field: measured maps of the pixels
 //! [dark_current]                              # optional, none if absent
 //! e_per_s = 1.47
 //! at_c = 36
@@ -37,13 +38,13 @@
 //! snr_max_db = 39.76
 //! ```
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use dunkelfeld_film::MAX_SIDE;
 use dunkelfeld_radiometry::{Celsius, DigitalNumber, Electrons, Metres, Nanometres, Number, Seconds};
 use dunkelfeld_sensor::{
-    BayerPattern, ColorFilter, DarkCurrent, Defects, Efficiency, FixedPattern, PRESETS, Published, QuantumEfficiency,
-    SensorError, SensorModel, SensorSpec,
+    BayerPattern, ColorFilter, DarkCurrent, Defects, Efficiency, FixedPattern, PRESETS, PixelMaps, Published,
+    QuantumEfficiency, SensorError, SensorModel, SensorSpec,
 };
 use serde::Deserialize;
 use serde::de::{Deserializer, Error};
@@ -51,6 +52,7 @@ use serde::de::{Deserializer, Error};
 use crate::error::InputError;
 use crate::input::{InputFiles, Role};
 use crate::job::check::{whole, yes};
+use crate::tiff::read_map;
 use crate::toml_file::TomlFile;
 use crate::toml_keys::keys_of;
 
@@ -80,7 +82,7 @@ pub fn load_sensor(path: &Path) -> Result<SensorModel, InputError> {
 /// # Errors
 /// As [`load_sensor`].
 pub fn load_sensor_recorded(path: &Path, inputs: &mut InputFiles) -> Result<SensorModel, InputError> {
-    parse_sensor(&TomlFile::read(path, Role::Sensor, inputs)?)
+    parse_recorded(&TomlFile::read(path, Role::Sensor, inputs)?, inputs)
 }
 
 /// The preset of that name.
@@ -103,15 +105,22 @@ pub fn preset_names() -> impl Iterator<Item = &'static str> {
     PRESETS.iter().map(|(name, _)| *name)
 }
 
-/// A sensor from the text of its file.
+/// A sensor from the text of its file. Paths of maps are relative to that file.
 ///
 /// # Errors
 /// As [`load_sensor`].
 pub fn parse_sensor(file: &TomlFile) -> Result<SensorModel, InputError> {
+    parse_recorded(file, &mut InputFiles::new())
+}
+
+fn parse_recorded(file: &TomlFile, inputs: &mut InputFiles) -> Result<SensorModel, InputError> {
     let toml: SensorToml = file.parse()?;
     toml.check_names(file)?;
     let (gain_key, system_gain) = toml.gain(file)?;
     let quantum_efficiency = toml.efficiency(file)?;
+    let mut map = |path: &Option<PathBuf>| path.as_ref().map(|p| read_map(&file.resolve(p), inputs)).transpose();
+    let (dsnu, prnu, flat_field) = (map(&toml.dsnu_map)?, map(&toml.prnu_map)?, map(&toml.flat_field)?);
+    let maps = PixelMaps { dsnu, prnu, flat_field };
     let temperature = Celsius(toml.temperature_c);
     let dark_current = match toml.dark_current {
         Some(d) => DarkCurrent { rate: d.e_per_s, reference: Celsius(d.at_c), doubling: d.doubling_k },
@@ -123,7 +132,7 @@ pub fn parse_sensor(file: &TomlFile) -> Result<SensorModel, InputError> {
         derived: toml.derived,
         assumed: toml.assumed,
         pixel_pitch: Metres::from_micrometres(toml.pixel_pitch_um),
-        resolution: toml.resolution,
+        resolution: toml.resolution.or(maps.size()),
         quantum_efficiency,
         full_well: Electrons(toml.full_well_e),
         dark_noise: Electrons(toml.dark_noise_e),
@@ -142,6 +151,7 @@ pub fn parse_sensor(file: &TomlFile) -> Result<SensorModel, InputError> {
             prnu: toml.prnu_percent / 100.0,
             prnu_row: toml.prnu_row_percent / 100.0,
             prnu_column: toml.prnu_column_percent / 100.0,
+            maps,
         },
         defects: Defects {
             hot: toml.defects.hot_per_million / 1e6,
@@ -155,6 +165,9 @@ pub fn parse_sensor(file: &TomlFile) -> Result<SensorModel, InputError> {
             let (table, key) = key_of(field, gain_key);
             let path: Vec<&str> = table.into_iter().chain([key]).collect();
             file.error_at_key(&path, "the value is out of range", format!("write a value {allowed}"))
+        }
+        SensorError::Map { name, .. } => {
+            file.error_at_key(&[name], e.to_string(), "use maps of this sensor, all of its size")
         }
         other => InputError::of_file(file.path(), other.to_string(), "see the format of sensor files"),
     })
@@ -224,6 +237,9 @@ struct SensorToml {
     prnu_row_percent: f64,
     #[serde(default)]
     prnu_column_percent: f64,
+    dsnu_map: Option<PathBuf>,
+    prnu_map: Option<PathBuf>,
+    flat_field: Option<PathBuf>,
     #[serde(default = "room_temperature")]
     temperature_c: f64,
     min_exposure_us: Option<f64>,

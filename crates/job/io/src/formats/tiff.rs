@@ -1,13 +1,20 @@
-//! Uncompressed TIFF files, which all measurement software can read.
+//! Uncompressed TIFF files, which all measurement software can read, and maps of 32-bit floats in TIFF files.
 
 use std::io::{self, Seek, Write};
 use std::path::Path;
 
-use tiff::TiffError;
+use dunkelfeld_film::{MAX_SIDE, Plane};
+use dunkelfeld_sensor::PixelMap;
+use tiff::decoder::{Decoder, DecodingResult};
 use tiff::encoder::{TiffEncoder, colortype};
 use tiff::tags::Tag;
+use tiff::{ColorType, TiffError};
 
 use crate::atomic::write_atomically;
+use crate::error::InputError;
+use crate::images::{ImageFault, guarded};
+use crate::input::{InputFiles, Role};
+use crate::loader::Limits;
 use crate::picture::Picture;
 
 /// Writes a picture. `description`, if there is one, is stored in the tag ImageDescription (ASCII; other characters
@@ -27,6 +34,43 @@ pub fn tiff_bytes(picture: Picture<'_>, description: Option<&str>) -> io::Result
     let mut bytes = io::Cursor::new(Vec::new());
     encode_picture(&mut bytes, picture, description)?;
     Ok(bytes.into_inner())
+}
+
+/// Writes a map: one 32-bit float for each pixel.
+///
+/// # Errors
+/// As [`write_tiff`].
+pub fn write_map(path: &Path, map: &PixelMap, description: &str) -> io::Result<()> {
+    let (size, values) = ((map.values().width(), map.values().height()), map.values().data());
+    write_atomically(path, |file| {
+        encode::<colortype::Gray32Float, _>(file, size, values, Some(description)).map_err(explain)
+    })
+}
+
+/// Reads a map: a TIFF with one channel of 32-bit floats. The file is recorded as an input.
+///
+/// # Errors
+/// The file cannot be read, is no such TIFF, or has values that are not finite.
+pub fn read_map(path: &Path, inputs: &mut InputFiles) -> Result<PixelMap, InputError> {
+    let bytes = inputs.read(path, Role::PixelMap, Limits::default().file_bytes).map_err(|fault| fault.at(path))?;
+    let help = "write a TIFF with one channel of 32-bit floats, as `emva analyse --sensor` does";
+    let fault = |problem: String| ImageFault { problem, help: help.into() };
+    let decode = || {
+        let mut decoder = Decoder::new(io::Cursor::new(&bytes)).map_err(|e| fault(e.to_string()))?;
+        let (width, height) = decoder.dimensions().map_err(|e| fault(e.to_string()))?;
+        let is_gray = decoder.colortype().is_ok_and(|color| color == ColorType::Gray(32));
+        if !is_gray || width.max(height) > MAX_SIDE {
+            return Err(fault("is not one channel of 32-bit floats".into()));
+        }
+        match decoder.read_image().map_err(|e| fault(e.to_string()))? {
+            DecodingResult::F32(values) => {
+                let plane = Plane::from_vec(width, height, values).ok_or_else(|| fault("is incomplete".into()))?;
+                PixelMap::new(plane).map_err(fault)
+            }
+            _ => Err(fault("has whole numbers, not floats".into())),
+        }
+    };
+    guarded(decode).map_err(|fault| fault.at(path, "the map"))
 }
 
 fn encode_picture(file: impl Write + Seek, picture: Picture<'_>, description: Option<&str>) -> io::Result<()> {

@@ -98,7 +98,7 @@ pub fn decode_image(bytes: &[u8], name: &str, limits: &Limits) -> Result<Decoded
 }
 
 /// The decoders are third-party code on hostile bytes. A panic in one of them becomes an error.
-fn guarded<T>(read: impl FnOnce() -> Result<T, ImageFault>) -> Result<T, ImageFault> {
+pub(crate) fn guarded<T>(read: impl FnOnce() -> Result<T, ImageFault>) -> Result<T, ImageFault> {
     catch_unwind(AssertUnwindSafe(read))
         .unwrap_or_else(|_| Err(ImageFault::new("the decoder cannot read the image", "save the image again as PNG")))
 }

@@ -2,9 +2,12 @@
 
 use std::path::Path;
 
+use dunkelfeld_film::Plane;
+use dunkelfeld_io::picture::Picture;
 use dunkelfeld_io::sensor_file::{find_sensor, load_sensor, parse_sensor, preset, preset_names};
+use dunkelfeld_io::tiff::{write_map, write_tiff};
 use dunkelfeld_io::toml_file::TomlFile;
-use dunkelfeld_sensor::{BayerPattern, SensorModel, data_sheet};
+use dunkelfeld_sensor::{BayerPattern, PixelMap, SensorModel, data_sheet};
 
 const EXAMPLE: &str = r#"name = "test"
 source = "made up"
@@ -181,6 +184,47 @@ fn names_and_files_are_distinguished() {
     assert_eq!(find_sensor(&path.to_string_lossy()), load_sensor(&path));
     assert!(load_sensor(&path).is_ok());
     assert!(load_sensor(Path::new("/")).is_err());
+}
+
+/// Maps are beside the file, have its size, and come back bit for bit.
+#[test]
+fn maps_are_read_and_faults_in_them_are_refused() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let at = |name: &str| folder.path().join(name);
+    let map = |width, height, value: f32| {
+        PixelMap::new(Plane::from_fn(width, height, |x, y| value + x as f32 * 0.1 - y as f32)).expect("finite")
+    };
+    let dsnu = map(6, 4, -0.3);
+    write_map(&at("dsnu.tif"), &dsnu, "e-").expect("written");
+    write_map(&at("small.tif"), &map(5, 4, 9.0), "1").expect("written");
+    write_tiff(&at("whole.tif"), Picture::Gray16(&Plane::new(6, 4, 1)), None).expect("written");
+    let bytes = std::fs::read(at("dsnu.tif")).expect("there");
+    // The first value becomes a NaN.
+    let first = bytes.windows(4).position(|w| w == (-0.3f32).to_le_bytes()).expect("the first value");
+    let nan = [&bytes[..first], &f32::NAN.to_le_bytes(), &bytes[first + 4..]].concat();
+    std::fs::write(at("nan.tif"), nan).expect("written");
+    std::fs::write(at("short.tif"), &bytes[..first + 8]).expect("written");
+    let read = |keys: &str| {
+        std::fs::write(at("mine.toml"), EXAMPLE.replace("temperature_c", &format!("{keys}\ntemperature_c")))
+            .expect("written");
+        load_sensor(&at("mine.toml"))
+    };
+    let model = read("dsnu_map = \"dsnu.tif\"").unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!(model.spec().fixed_pattern.maps.dsnu, Some(dsnu));
+    assert_eq!(model.spec().resolution, Some([6, 4]));
+    for (keys, problem) in [
+        ("dsnu_map = \"dsnu.tif\"\nprnu_map = \"small.tif\"", "5 x 4 pixels, the sensor 6 x 4"),
+        ("dsnu_map = \"dsnu.tif\"\nresolution = [7, 4]", "6 x 4 pixels, the sensor 7 x 4"),
+        ("prnu_map = \"dsnu.tif\"", "the response -0.3"),
+        ("dsnu_map = \"nan.tif\"", "not a finite number at column 0, row 0"),
+        ("dsnu_map = \"whole.tif\"", "not one channel of 32-bit floats"),
+        ("dsnu_map = \"short.tif\"", "short.tif"),
+        ("dsnu_map = \"mine.toml\"", "mine.toml"),
+        ("dsnu_map = \"no.tif\"", "no.tif"),
+    ] {
+        let error = read(keys).expect_err(keys);
+        assert!(error.to_string().contains(problem) && !error.help.is_empty(), "{keys}: {error}");
+    }
 }
 
 /// The derived figures of each preset against the published ones.
