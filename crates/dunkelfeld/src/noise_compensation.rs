@@ -138,7 +138,7 @@ mod tests {
         let blur = Arc::new(LensBlur::new(&optics, Metres(3.45e-6), &image).expect("it blurs"));
         let model = dunkelfeld_io::sensor_file::preset("imx250").expect("a preset");
         let (size, mean, key) = (48, 1000.0, FrameKey { seed: 1, frame: 0 });
-        let device = Device::new(model, 1, size, size);
+        let device = Device::new(model, 1, size, size).expect("no maps");
         let exposure = Exposure::new(Seconds(1e-3)).expect("in range");
         let frame = |variance: f32| {
             let unknown = Plane::new(size, size, false);
