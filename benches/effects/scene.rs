@@ -184,8 +184,15 @@ fn put_in_use(b: &mut SceneBuilder, effect: Effect) -> Result<(), String> {
         }
         Effect::LineScan => {
             let (period, exposure) = (1e-3, 1e-3);
-            b.shutter =
-                Some(Shutter::Lines(LineScan { period, exposure, stages: 1, jitter: 0.0, line: 0.5, rows: 64 }));
+            b.shutter = Some(Shutter::Lines(LineScan {
+                period,
+                exposure,
+                stages: 1,
+                jitter: 0.0,
+                line: 0.5,
+                rows: 64,
+                in_turn: 1,
+            }));
         }
         Effect::Environment => {
             let source = EnvironmentSource::Constant(Rgb::splat(1e-9));

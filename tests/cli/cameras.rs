@@ -58,7 +58,8 @@ fn each_capture_of_a_job_has_its_files() {
              target = [0, 0, 0]\npower = 2\n"
         )
     };
-    let captures = "[[capture]]\nname = \"east\"\nlights = [\"east\"]\n[[capture]]\nname = \"both\"\nlights = { east = 1, west = 0.5 }\n";
+    let captures = "[[capture]]\nname = \"east\"\nlights = [\"east\"]\n[[capture]]\nname = \"both\"\nlights = { east = 1, west = 0.5 }\n\
+        [[capture]]\nname = \"west\"\nlights = [\"west\"]\ncamera = \"right\"\nexposure = \"1ms\"\n";
     bench.write("lamps.toml", &format!("{TWO}{}{}{captures}", lamp("east", 1), lamp("west", -1)));
     let run = bench.run("render lamps.toml --exr all.exr --stats all.json --time 1h --spp 4").code(0);
     for camera in ["left", "right"] {
@@ -70,6 +71,12 @@ fn each_capture_of_a_job_has_its_files() {
             assert_eq!(bench.json(&format!("all-{name}.json"))["capture"], capture);
         }
         assert!(bench.read(&format!("all-{camera}-east.exr")) != bench.read(&format!("all-{camera}-both.exr")));
+    }
+    // A capture of one camera, and an exposure for all of them.
+    assert!(bench.names().contains("lamps-right-west.png") && !bench.names().contains("lamps-left-west.png"));
+    bench.run("render lamps.toml --camera right --exposure 3ms --stats one.json").code(0);
+    for name in ["east", "both", "west"] {
+        assert_eq!(bench.json(&format!("one-{name}.json"))["sensor"]["exposure_seconds"], 3e-3);
     }
     assert!(stdout(&run).contains("capture \"both\"") && !bench.names().contains("lamps-left.png"));
     let run = bench.run("render lamps.toml --camera left --frames 2").code(2);

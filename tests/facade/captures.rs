@@ -86,6 +86,14 @@ fn captures_are_the_light_of_their_lamps() {
     let all = captures(&project).expect("rendered");
     let whole = project.render().expect("rendered");
     assert!(all[0].1.rendering.film == whole.rendering.film);
+    // An image that cannot be written does not lose the others.
+    let mut seen = Vec::new();
+    let failed = project.render_captures(&Silent, &Cancel::new(), &mut |name, _| {
+        seen.extend(name.map(str::to_owned));
+        Err(Error::setting("disk", format!("no space for {seen:?}"), "free some"))
+    });
+    assert_eq!(seen, ["all", "sides", "east", "west"]);
+    assert!(failed.expect_err("the first error").to_string().contains("[\"all\"]"));
     let at = |capture: usize, x, y| all[capture].1.rendering.film.sums.pixel(x, y).mean()[1];
     for (x, y) in (0..64).flat_map(|y| (0..64).map(move |x| (x, y))) {
         let wanted = 0.5 * at(2, x, y) + 2.0 * at(3, x, y);
@@ -133,6 +141,114 @@ fn project_of_two(text: &str, panels: &str) -> Vec<(Option<String>, ProjectResul
     let captured = ["one", "two"].map(|name| format!("[[capture]]\nname = \"{name}\"\nlights = [\"left\"]\n")).concat();
     let project = Project::from_text("sphere.toml", &format!("{text}{panels}{captured}")).expect("a valid job");
     captures(&project).expect("rendered")
+}
+
+/// Lamps that flash in turn: each row of a capture is that of a render with its lamp alone, to the last bit, and has the height
+/// of its own lines. The plan has what each row needs in its own light.
+#[test]
+fn lines_in_turn_are_those_of_renders_with_one_lamp() {
+    let scan = SPHERE
+        .replace("sensor = { model = \"none\" }", "sensor = { model = \"imx250\", exposure = \"50us\" }")
+        .replace("diameter = \"50mm\"", "diameter = \"50mm\"\nvelocity = [0, 0, -10]")
+        .replace("height = 64", "height = 66");
+    let lines = "[line_scan]\nline_rate = \"20kHz\"\nalternate = true\n";
+    let names = ["east", "north", "west"];
+    let captured = names.map(|name| format!("[[capture]]\nname = \"{name}\"\nlights = [\"{name}\"]\n")).concat();
+    let of = |text: String| Project::from_text("scan.toml", &text).and_then(|project| captures(&project));
+    let all = of(format!("{scan}{lines}{}{captured}", lamps())).expect("rendered");
+    for (k, name) in (0..).zip(names) {
+        let result = &all[k as usize].1;
+        let alone = format!("[[capture]]\nname = \"alone\"\nlights = [\"{name}\"]\n");
+        let alone = of(format!("{scan}{}{}{alone}", lines.replace("true", "false"), lamps())).expect("rendered");
+        let (found, wanted) = (&result.rendering.film, &alone[0].1.rendering.film);
+        let frame = result.frame.sensor.as_ref().expect("a sensor");
+        assert_eq!(
+            [found.sums.height(), result.settings().height, frame.values.height(), result.stats.run.size[1]],
+            [22; 4]
+        );
+        let certificate = result.stats.certificate.as_ref().expect("a sensor");
+        assert_eq!(certificate.pixels + certificate.saturated, 22 * 64);
+        let mut lit = 0;
+        for (x, y) in (0..22).flat_map(|y| (0..64).map(move |x| (x, y))) {
+            let (a, b) = (found.sums.pixel(x, y), wanted.sums.pixel(x, 3 * y + k));
+            assert!(a == b && found.ids.at(x, y) == wanted.ids.at(x, 3 * y + k), "{name}: {x}, {y}");
+            lit += u32::from(a.mean()[1] > 0.0);
+        }
+        assert!(lit > 200, "{name}: {lit} lit pixels");
+    }
+    // Shot noise hides more of the render in the dim light, whose rows get fewer samples.
+    let budget =
+        scan.replace("spp = 64", "noise = 0.1, spp = 4000").replace("allocate = { strategy = \"uniform\" }\n", "");
+    let two = "[[capture]]\nname = \"bright\"\nlights = [\"east\"]\n\
+        [[capture]]\nname = \"dim\"\nlights = { west = 0.05 }\n";
+    let two = of(format!("{budget}{lines}{}{two}", lamps())).expect("rendered");
+    assert!(two.iter().all(|(_, result)| result.stats.certificate.as_ref().is_some_and(|c| c.is_hidden)));
+    let samples: Vec<u64> = two.iter().map(|(_, result)| result.stats.sampling.samples).collect();
+    assert!(samples[0] > samples[1], "{samples:?}");
+    for (keys, wanted) in
+        [("alternate = true\n", "no multiple of the 4 captures"), ("alternate = true\ntdi_stages = 2\n", "stages")]
+    {
+        let captured = format!("{captured}[[capture]]\nname = \"all\"\n");
+        let text = format!("{scan}[line_scan]\nline_rate = \"20kHz\"\n{keys}{}{captured}", lamps());
+        let error = of(text).expect_err(wanted).to_string();
+        assert!(error.contains(wanted), "{error}");
+    }
+}
+
+/// A capture of one camera is in the render of this camera alone, and `--exposure` is that of all captures.
+#[test]
+fn a_capture_can_have_its_own_camera() {
+    let pose = "camera = { position = [0, \"300mm\", 0], look_at = [0, 0, 0], up = [0, 0, -1], lens = { projection = \
+                \"telecentric\", magnification = 1, focus_distance = \"300mm\" } }";
+    let camera = |name: &str, x: i32| {
+        let pose =
+            pose.trim_start_matches("camera = {").trim_end_matches('}').replace("[0, \"3", &format!("[\"{x}mm\", \"3"));
+        format!("{{ name = \"{name}\", {pose} }}")
+    };
+    let cameras = format!("camera = [{}, {}]", camera("left", -30), camera("right", 30));
+    let text = SPHERE
+        .replace(pose, &cameras)
+        .replace("sensor = { model = \"none\" }", "sensor = { model = \"imx250\", exposure = \"1ms\" }")
+        .replace("spp = 64", "spp = 4");
+    let job =
+        |captured: &str| Project::from_text("two.toml", &format!("{text}{}{captured}", lamps())).expect("a valid job");
+    let each = "[[capture]]\nname = \"all\"\n[[capture]]\nname = \"west\"\nlights = [\"west\"]\ncamera = \"right\"\nexposure = \"3ms\"\n";
+    let names = |all: &[(Option<String>, ProjectResult)]| -> Vec<String> {
+        all.iter()
+            .map(|(name, result)| format!("{} {:?}", name.clone().unwrap_or_default(), result.stats.run.camera))
+            .collect()
+    };
+    let all = captures(&job(each)).expect("rendered");
+    let (left, right) = ("Some(\"left\")", "Some(\"right\")");
+    assert_eq!(names(&all), [format!("left-all {left}"), format!("right-all {right}"), format!("right-west {right}")]);
+    let mut alone = job(each);
+    alone.settings.camera = Some("right".into());
+    let alone = captures(&alone).expect("rendered");
+    assert_eq!(names(&alone), [format!("all {right}"), format!("west {right}")]);
+    assert!(
+        alone[1].1.rendering.film == all[2].1.rendering.film && alone[0].1.rendering.film == all[1].1.rendering.film
+    );
+    let of_right = "[[capture]]\nname = \"one\"\ncamera = \"right\"\n";
+    assert_eq!(names(&captures(&job(of_right)).expect("rendered")), [format!("one {right}")]);
+    let mut other = job(of_right);
+    other.settings.camera = Some("left".into());
+    let unknown = of_right.replace("right", "midle");
+    let errors = [captures(&other), captures(&job(&unknown))].map(|failed| failed.expect_err("refused").to_string());
+    assert!(
+        errors[0].contains("no capture is of the camera \"left\"") && errors[1].contains("left, right"),
+        "{errors:?}"
+    );
+    assert!(job(&unknown).inspect().hazards.iter().any(|hazard| hazard.contains("midle")));
+    // The films of the groups of lights are in the account.
+    let peak = |captured: &str| job(captured).inspect().memory.expect("an account").peak_bytes;
+    assert!(peak(each) > peak(""));
+    let mut exposed = job(each);
+    exposed.set_overrides("sensor.exposure = \"2ms\"").expect("valid");
+    let times = captures(&exposed)
+        .expect("rendered")
+        .into_iter()
+        .map(|(_, result)| result.stats.sensor.expect("one").exposure_seconds);
+    assert_eq!(times.collect::<Vec<_>>(), [2e-3; 3]);
 }
 
 #[test]

@@ -252,7 +252,7 @@ fn pattern() -> Mesh {
 }
 
 fn scan(exposure: f64, stages: u32) -> LineScan {
-    LineScan { period: 1e-4, exposure, stages, jitter: 0.0, line: 0.5, rows: 20 }
+    LineScan { period: 1e-4, exposure, stages, jitter: 0.0, line: 0.5, rows: 20, in_turn: 1 }
 }
 
 /// A plate that moves by one row in each period, toward the top of the image, under a line-scan camera.

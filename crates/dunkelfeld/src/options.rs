@@ -7,7 +7,7 @@ use crate::exposer::Exposer;
 use crate::frame::{Picture, develop_film};
 use crate::memory::expose_account;
 use crate::outputs::{SavedPlan, load_plan_recorded};
-use crate::project::{GivenSensor, Project, ProjectResult, Setup};
+use crate::project::{EachCapture, GivenSensor, Project, ProjectResult, Setup};
 use crate::traced_sample::TracedSample;
 use derive_setters::Setters;
 use dunkelfeld_adaptive::budget::NOISE_LEVELS;
@@ -161,6 +161,23 @@ impl Project {
         cancel: &Cancel,
     ) -> Result<ProjectResult, Error> {
         self.with_options(options, |project| project.render_with(progress, cancel))
+    }
+
+    /// [`Project::render_captures`] with options for this render. The settings of the project stay as they are.
+    ///
+    /// # Errors
+    /// As [`Project::render_captures`] and [`Project::apply_options`], and a job without captures.
+    pub fn render_captures_options(
+        &mut self,
+        options: RenderOptions,
+        progress: &dyn Progress,
+        cancel: &Cancel,
+        each: &mut EachCapture<'_>,
+    ) -> Result<(), Error> {
+        if self.job.captures.is_empty() {
+            return Err(Error::setting("capture", "the job has no captures", "add [[capture]], or render the scene"));
+        }
+        self.with_options(options, |project| project.render_captures(progress, cancel, each))
     }
 
     /// [`Project::trace_sample`] with options for this sample. The settings of the project stay as they are.

@@ -5,6 +5,7 @@
 
 use dunkelfeld_film::{Film, PixelSums};
 use dunkelfeld_radiometry::Rgb;
+use dunkelfeld_render::CaptureRows;
 use serde::Serialize;
 use std::cmp::Ordering;
 
@@ -68,7 +69,7 @@ impl HeavyPiece {
 
 /// Computes them from all pieces of a film, in their order. The result depends only on the film, not on the process or
 /// thread that took its samples.
-pub(crate) fn heaviest(film: &Film, pieces: Vec<HeavyPiece>) -> Heaviest {
+pub(crate) fn heaviest(film: &Film, pieces: Vec<HeavyPiece>, rows: CaptureRows) -> Heaviest {
     let mean = pieces.iter().map(|piece| piece.luminance).sum::<f64>() / film.pixels().max(1) as f64;
     let dominated = pieces.iter().flat_map(|piece| &piece.lifts).filter(|lift| **lift > mean).count() as u64;
     let mut worst = Vec::with_capacity(MAX_LISTED + 1);
@@ -77,7 +78,7 @@ pub(crate) fn heaviest(film: &Film, pieces: Vec<HeavyPiece>) -> Heaviest {
     let samples = worst
         .iter()
         .map(|c| HeavySample {
-            sample: format!("{},{},{}", c.pixel % width, c.pixel / width, c.index),
+            sample: format!("{},{},{}", c.pixel % width, rows.of_film((c.pixel / width) as u32), c.index),
             luminance: c.luminance,
             share: c.share,
             lift: c.lift,
@@ -146,7 +147,7 @@ mod tests {
     }
 
     fn heaviest_of(film: &Film) -> Heaviest {
-        heaviest(film, fold_tile_rows(film, HeavyPiece::add))
+        heaviest(film, fold_tile_rows(film, HeavyPiece::add), CaptureRows::ALL)
     }
 
     #[test]

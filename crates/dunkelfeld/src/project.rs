@@ -116,9 +116,15 @@ impl Project {
             fit(camera, &self.lens_of(&camera.name), film).map_or_else(|_| camera.clone(), |fitted| fitted.camera)
         };
         inspection.cameras = self.scene.cameras().iter().map(|camera| camera_entry(&fitted(camera))).collect();
+        let mut memory: Option<MemoryAccount> = None;
         for camera in self.views() {
-            match self.fit_settings(self.settings.clone().with_camera(camera)) {
+            let fitted = self.fit_settings(self.settings.clone().with_camera(camera));
+            match fitted.and_then(|settings| self.captured(settings)) {
                 Ok(settings) => {
+                    let (_, account) = self.account(&settings, Some(&self.outputs), KeptFilms::default());
+                    if memory.as_ref().is_none_or(|most| most.peak_bytes < account.peak_bytes) {
+                        memory = Some(account);
+                    }
                     let is_blurred = settings.is_blurred();
                     let Some(Camera { name, lens, .. }) = settings.run.view else { continue };
                     if lens.aperture.is_some() {
@@ -137,7 +143,7 @@ impl Project {
                 Err(e) => inspection.hazards.push(e.in_one_line()),
             }
         }
-        inspection.memory = Some(self.memory());
+        inspection.memory = memory.or_else(|| Some(self.memory()));
         inspection.warnings = self.warnings.iter().map(ToString::to_string).collect();
         inspection
     }

@@ -306,7 +306,7 @@ impl Stats {
             heavy.add(pixel, sums);
         });
         let totals = Totals::from_pieces(pieces.iter().map(|(totals, _)| totals));
-        let heavy = heaviest(film, pieces.into_iter().map(|(_, heavy)| heavy).collect());
+        let heavy = heaviest(film, pieces.into_iter().map(|(_, heavy)| heavy).collect(), settings.run.rows);
         let n = film.pixels().max(1) as f64;
         let samples_were_taken = |stage: &Stage| matches!(stage, Stage::Pilot | Stage::Refine);
         let rendering_seconds: f64 =

@@ -8,14 +8,27 @@ use dunkelfeld_render::Error;
 use std::path::{Path, PathBuf};
 
 impl Project {
-    /// Names of the cameras that the job defines and enables, in its order; none if the settings name a camera. Each of them gets
-    /// a render of its own.
+    /// Names of the cameras that the job defines and enables, in its order, and of those that only captures name; none if the
+    /// settings name a camera. A camera that is in no capture is left out. Each of them gets a render of its own.
     pub fn defined_cameras(&self) -> Vec<String> {
         if self.settings.camera.is_some() {
             return Vec::new();
         }
         let enabled = self.job.camera.defined.iter().filter(|camera| camera.is_enabled());
-        enabled.map(|camera| camera.name.clone()).collect()
+        let mut cameras: Vec<String> = enabled.map(|camera| camera.name.clone()).collect();
+        let own: Vec<&String> = self.job.captures.iter().filter_map(|capture| capture.camera.as_ref()).collect();
+        if !own.is_empty() && cameras.is_empty() {
+            cameras.extend(self.scene.cameras().first().map(|first| first.name.clone()));
+        }
+        if !own.is_empty() && own.len() == self.job.captures.len() {
+            cameras.retain(|camera| own.contains(&camera));
+        }
+        for camera in own {
+            if !cameras.contains(camera) {
+                cameras.push(camera.clone());
+            }
+        }
+        cameras
     }
 
     /// Gives later renders clocks of their own: the time of loading belongs to the first one.

@@ -19,6 +19,12 @@ pub(crate) fn check(study: &Study, project: &Project, names: &ObjectNames<'_>, i
     check_images(study, ids)?;
     let labels = &study.labels;
     let is_line_scan = matches!(project.scene.shutter(), Some(Shutter::Lines(_)));
+    if let Some(Shutter::Lines(lines)) = project.scene.shutter()
+        && lines.in_turn > 1
+    {
+        let fault = Fault::new("labels are those of all lines, and a capture has some", "remove `alternate`");
+        return Err(study.error(fault, &["line_scan", "alternate"]).into());
+    }
     let pointed = study.label.iter().position(|entry| !entry.keypoints.is_empty());
     if let Some(number) = pointed.filter(|_| is_line_scan) {
         let fault = Fault::new("the rows of a line scan are of different times", "remove `keypoints`");

@@ -11,10 +11,13 @@ use crate::keywords::Keywords;
 use crate::progress::{is_reporting, lock, lock_unless, reports_about, supervised_by};
 use crate::work::SIGNALS;
 use dunkelfeld::io::OF_RENDER;
+use dunkelfeld::outputs::EachCapture;
 use dunkelfeld::outputs::SavedPlan;
 use dunkelfeld::scene::Effect;
 use dunkelfeld::trace::PixelSample;
-use dunkelfeld::{Cancel, Progress, Project, ProjectOptions, ReplayOption};
+use dunkelfeld::{
+    Cancel, Error, InputFiles, Progress, Project, ProjectOptions, ProjectResult, RenderOptions, ReplayOption,
+};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
@@ -148,6 +151,64 @@ impl Scene {
             None => Ok(path.clone()),
         }
     }
+
+    /// The films of a render by the names of their captures, and the exception that ended it.
+    fn films(
+        &self,
+        py: Python<'_>,
+        mut options: RenderOptions,
+        replay: Option<&Bound<'_, PyAny>>,
+        progress: Option<&Py<PyAny>>,
+        render: impl FnOnce(&mut Project, RenderOptions, &dyn Progress, &Cancel, &mut EachCapture<'_>) -> Result<(), Error>
+        + Send,
+    ) -> Result<(Vec<(String, Film)>, Option<PyErr>), Failure> {
+        self.check_idle()?;
+        options.replay = replay.map(replay_of).transpose()?;
+        let replayed = replay.and_then(|plan| Some(plan.cast::<Film>().ok()?.get().inputs.clone()));
+        let cancel = Arc::new(Cancel::new());
+        let mut held = Held::new();
+        let work = |sink: &dyn Progress, _: &Cancel| {
+            let is_given_up = || cancel.is_cancelled() || held.exceeds_patience(self);
+            let Some(mut project) = lock_unless(&self.project, is_given_up) else {
+                return Err(match cancel.is_cancelled() {
+                    true => Error::setting("render", "was cancelled before it began", "render again"),
+                    false => Error::setting("scene", HELD, AFTER_RENDER),
+                });
+            };
+            let mut films = Vec::new();
+            *lock(&self.running) = Some(cancel.clone());
+            let rendered = render(&mut project, options, sink, &cancel, &mut |name, result| {
+                films.push((name.unwrap_or_default().to_owned(), film_of(result, replayed.as_deref())));
+                Ok(())
+            });
+            *lock(&self.running) = None;
+            rendered.map(|()| films)
+        };
+        supervised_by(py, progress, self.address(), &cancel, work)
+    }
+}
+
+/// The film of a result. That of a replay stands for the files that it was made from.
+fn film_of(result: ProjectResult, replayed: Option<&InputFiles>) -> Film {
+    let (stats, interrupted) = (result.stats.to_json(), result.rendering.interrupted);
+    let mut inputs = absolute(result.inputs());
+    for input in replayed.into_iter().flat_map(InputFiles::iter) {
+        inputs.add(input.identity.path(), input.role);
+    }
+    Film { saved: Arc::new(result.into_saved_film()), stats, interrupted, inputs: Arc::new(inputs) }
+}
+
+/// The exception of a render that ended early: Ctrl-C gets the samples until then as an attribute.
+fn ended(py: Python<'_>, raised: PyErr, attribute: &str, films: Py<PyAny>) -> Failure {
+    if !raised.is_instance_of::<pyo3::exceptions::PyKeyboardInterrupt>(py) {
+        return raised.into();
+    }
+    let error =
+        Interrupted::new_err(format!("the render was interrupted; the attribute `{attribute}` has its samples"));
+    match error.value(py).setattr(attribute, films) {
+        Ok(()) => error.into(),
+        Err(e) => e.into(),
+    }
 }
 
 /// The effects of these names.
@@ -216,7 +277,7 @@ impl Scene {
             project.set_overrides(&text)?;
             // Within the lock of the project, so that the text is always that of the project.
             *lock(&self.overrides) = text;
-            Ok::<_, dunkelfeld::Error>(())
+            Ok::<_, Error>(())
         })??;
         Ok(())
     }
@@ -252,47 +313,49 @@ impl Scene {
         progress: Option<Py<PyAny>>,
         keys: Option<&Bound<'_, PyDict>>,
     ) -> Result<Film, Failure> {
-        self.check_idle()?;
         let mut options = Keywords::new("render", keys, OF_RENDER)?.options();
         (options.camera, options.threads) = (camera, checked_threads(threads)?);
         options.samples = samples.map(|(from, to)| from..to);
-        options.replay = replay.map(replay_of).transpose()?;
-        let replayed = replay.and_then(|plan| Some(plan.cast::<Film>().ok()?.get().inputs.clone()));
         (options.checkpoint, options.checkpoint_every) = (checkpoint, checkpoint_every);
-        let cancel = Arc::new(Cancel::new());
-        let mut held = Held::new();
-        let work = |sink: &dyn Progress, _: &Cancel| {
-            let is_given_up = || cancel.is_cancelled() || held.exceeds_patience(self);
-            let Some(mut project) = lock_unless(&self.project, is_given_up) else {
-                return Err(match cancel.is_cancelled() {
-                    true => dunkelfeld::Error::setting("render", "was cancelled before it began", "render again"),
-                    false => dunkelfeld::Error::setting("scene", HELD, AFTER_RENDER),
-                });
+        let render =
+            |project: &mut Project, options, sink: &dyn Progress, cancel: &Cancel, each: &mut EachCapture<'_>| {
+                each(None, project.render_options(options, sink, cancel)?)
             };
-            *lock(&self.running) = Some(cancel.clone());
-            let result = project.render_options(options, sink, &cancel);
-            *lock(&self.running) = None;
-            let result = result?;
-            let (stats, interrupted) = (result.stats.to_json(), result.rendering.interrupted);
-            let mut inputs = absolute(result.inputs());
-            // The film of a replay stands for the files that it was made from.
-            for (path, role) in
-                replayed.iter().flat_map(|film| film.iter()).map(|input| (input.identity.path(), input.role))
-            {
-                inputs.add(path, role);
-            }
-            let inputs = Arc::new(inputs);
-            let saved = Arc::new(result.into_saved_film());
-            Ok(Film { saved, stats, interrupted, inputs })
-        };
-        let (film, raised) = supervised_by(py, progress.as_ref(), self.address(), &cancel, work)?;
-        let Some(raised) = raised else { return Ok(film) };
-        if !raised.is_instance_of::<pyo3::exceptions::PyKeyboardInterrupt>(py) {
-            return Err(raised.into());
+        let (films, raised) = self.films(py, options, replay, progress.as_ref(), render)?;
+        let film = films.into_iter().next().map(|(_, film)| film);
+        let film = film.ok_or_else(|| setting("render", "there is no image", "render again"))?;
+        match raised {
+            None => Ok(film),
+            Some(raised) => Err(ended(py, raised, "film", Py::new(py, film)?.into_any())),
         }
-        let error = Interrupted::new_err("the render was interrupted; the attribute `film` has its samples");
-        error.value(py).setattr("film", Py::new(py, film)?)?;
-        Err(error.into())
+    }
+
+    /// Renders the captures of the job ([[capture]]): a dictionary of their films by name, in the order of the job, from one
+    /// render of each camera. Where captures without a camera have several, the name of the camera comes first, as in
+    /// "left-dark". The keywords are those of `render`, without parts and checkpoints.
+    ///
+    /// Ctrl-C ends the render and raises `Interrupted`, whose `films` have the samples until then.
+    #[pyo3(signature = (*, camera=None, threads=None, replay=None, progress=None, **keys))]
+    fn render_captures<'py>(
+        &self,
+        py: Python<'py>,
+        camera: Option<String>,
+        #[pyo3(from_py_with = some_threads_of)] threads: Option<usize>,
+        replay: Option<&Bound<'py, PyAny>>,
+        progress: Option<Py<PyAny>>,
+        keys: Option<&Bound<'py, PyDict>>,
+    ) -> Result<Bound<'py, PyDict>, Failure> {
+        let mut options = Keywords::new("render_captures", keys, OF_RENDER)?.options();
+        (options.camera, options.threads) = (camera, checked_threads(threads)?);
+        let (films, raised) = self.films(py, options, replay, progress.as_ref(), Project::render_captures_options)?;
+        let by_name = PyDict::new(py);
+        for (name, film) in films {
+            by_name.set_item(name, Py::new(py, film)?)?;
+        }
+        match raised {
+            None => Ok(by_name),
+            Some(raised) => Err(ended(py, raised, "films", by_name.into_any().unbind())),
+        }
     }
 
     /// The steps of one render, one for each per cent, with the keywords of `render` except `progress`: `tqdm` can wrap it.

@@ -207,6 +207,20 @@ def test_progress_is_reported_and_its_exception_ends_the_render(job: dict[str, A
         scene.render(spp=1e6, progress=fail)
 
 
+def test_captures_are_films_by_name(job: dict[str, Any]) -> None:
+    scene = df.Scene.from_job(job)
+    with pytest.raises(df.SettingError, match="no captures"):
+        scene.render_captures()
+    scene.set_overrides(capture=[{"name": "all"}, {"name": "half", "lights": {"environment": 0.5}, "exposure": "2ms"}])
+    films = scene.render_captures(sensor="imx250", exposure=0.001)
+    assert list(films) == ["all", "half"]
+    assert np.array_equal(films["all"].mean, scene.render().mean)
+    assert np.allclose(films["half"].mean, 0.5 * films["all"].mean, rtol=1e-6)
+    assert films["half"].stats["capture"] == "half" and films["half"].stats["sensor"]["exposure_seconds"] == 0.001
+    with pytest.raises(TypeError):
+        scene.render_captures(**cast(Any, {"samples": (0, 4)}))
+
+
 def test_a_progress_function_cannot_wait_for_its_own_scene(job: dict[str, Any]) -> None:
     scene, other = df.Scene.from_job(job), df.Scene.from_job(job)
     caught: list[str] = []

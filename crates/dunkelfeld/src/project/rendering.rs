@@ -101,22 +101,36 @@ impl Project {
         Ok((rendering, settings, is_vignetted))
     }
 
-    /// [`Self::render_with`] of all captures of the job from one render: calls `each` with the name and the result of each. A job
-    /// without captures has one image, without a name.
+    /// [`Self::render_with`] of all captures of the job, from one render of each camera: calls `each` with the name and the
+    /// result of each capture. With several cameras ([`Self::defined_cameras`]) the name of the camera comes before it, as in
+    /// `left-dark`, and each has the same share of a time limit. A job without captures has one image, without a name.
     ///
     /// # Errors
-    /// As [`Self::render_with`], those of `each`, and a capture that names no light of the scene.
+    /// As [`Self::render_with`], a capture that names no light of the scene, and the first error of `each`, after all images.
     pub fn render_captures(
         &self,
         progress: &dyn Progress,
         cancel: &Cancel,
         each: &mut EachCapture<'_>,
     ) -> Result<(), Error> {
-        self.render_each(None, !self.job.captures.is_empty(), (progress, cancel), each)
+        let cameras = self.defined_cameras();
+        if self.job.captures.is_empty() || cameras.is_empty() {
+            return self.render_each(None, self.captured(self.fitted()?)?, (progress, cancel), each);
+        }
+        for camera in &cameras {
+            let mut settings = self.settings.clone().with_camera(camera.clone());
+            settings.budget.seconds = settings.budget.seconds.map(|seconds| seconds / cameras.len() as f64);
+            let settings = self.captured(self.fit_settings(settings)?)?;
+            self.render_each(None, settings, (progress, cancel), &mut |name, result| match name {
+                Some(name) if cameras.len() > 1 => each(Some(&format!("{camera}-{name}")), result),
+                name => each(name, result),
+            })?;
+        }
+        Ok(())
     }
 
-    /// [`Self::render_captures`] as a command that writes files, as [`Self::render_to_files`]: those of a capture have its name
-    /// ([`OutputPaths::for_camera`]).
+    /// [`Self::render_captures`] of the camera of the settings as a command that writes files, as [`Self::render_to_files`]: those
+    /// of a capture have its name ([`OutputPaths::for_camera`]).
     ///
     /// # Errors
     /// As [`Self::render_to_files`] and [`Self::render_captures`].
@@ -126,7 +140,7 @@ impl Project {
         cancel: &Cancel,
         each: &mut EachCapture<'_>,
     ) -> Result<(), Error> {
-        self.render_each(Some(&self.outputs), !self.job.captures.is_empty(), (progress, cancel), each)
+        self.render_each(Some(&self.outputs), self.captured(self.fitted()?)?, (progress, cancel), each)
     }
 
     fn render_for(
@@ -136,7 +150,7 @@ impl Project {
         cancel: &Cancel,
     ) -> Result<ProjectResult, Error> {
         let mut only = None;
-        self.render_each(outputs, false, (progress, cancel), &mut |_, result| {
+        self.render_each(outputs, self.fitted()?, (progress, cancel), &mut |_, result| {
             only = Some(result);
             Ok(())
         })?;
@@ -146,7 +160,7 @@ impl Project {
     fn render_each(
         &self,
         outputs: Option<&OutputPaths>,
-        is_captured: bool,
+        settings: RenderSettings,
         (progress, cancel): (&dyn Progress, &Cancel),
         each: &mut EachCapture<'_>,
     ) -> Result<(), Error> {
@@ -158,14 +172,11 @@ impl Project {
         let session = quiet.clone().with_progress(progress).with_cancel(cancel);
         let mut inputs = self.inputs.clone();
         inputs.add_library(self.settings.denoise.oidn.as_deref());
-        let mut settings = needed_layers(self.fitted()?, outputs);
-        if is_captured {
-            settings = self.captured(settings)?;
-        }
+        let mut settings = needed_layers(settings, outputs);
         let captures = settings.run.captures.clone();
         // The settings and files of each image.
         let mut images = vec![(None, settings.clone(), outputs.cloned())];
-        if is_captured {
+        if !captures.is_empty() {
             let image = |capture: &Capture| {
                 let outputs = outputs.map(|outputs| outputs.for_camera(&capture.name));
                 (Some(capture.clone()), settings.of_capture(capture), outputs)
@@ -200,6 +211,8 @@ impl Project {
         };
         let mut whole = Some(render_with_dry_run(&self.scene, &settings, &session, &dry_run)?);
         let done = Done { session: &session, command, denoiser: denoiser.as_deref(), account, is_vignetted, inputs };
+        // A file that cannot be written does not end the other images.
+        let mut done_all = Ok(());
         for (capture, settings, outputs) in images {
             let rendering = match (&capture, &whole) {
                 (Some(capture), Some(whole)) => Some(session.install(|| whole.of_capture(capture))?),
@@ -209,9 +222,9 @@ impl Project {
             let name = capture.map(|capture| capture.name);
             let mut result = done.exposed(rendering, settings, outputs.unwrap_or_default(), cancel)?;
             result.stats.run.capture.clone_from(&name);
-            each(name.as_deref(), result)?;
+            done_all = done_all.and(each(name.as_deref(), result));
         }
-        Ok(())
+        done_all
     }
 }
 

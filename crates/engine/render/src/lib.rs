@@ -41,10 +41,10 @@ pub use round::TILE;
 pub use saved_film::SavedFilm;
 pub use session::{MAX_NICE, MAX_THREADS, Session, check_threads};
 pub use settings::{
-    Budget, Capture, CheckpointSettings, DEFAULT_CHECKPOINT_SECONDS, DEFAULT_F_NUMBER, DEFAULT_PILOT_SPP, DEFAULT_SPP,
-    DenoiseMethod, DenoiseSettings, MAX_PIXELS, MAX_SIDE, MAX_TRAINING_PATHS, MIN_TRAINED_PIXELS, MIN_TRAINED_SECONDS,
-    OIDN_VARIABLE, PIXELS_PER_TRAINING_PATH, RenderSettings, RunSettings, SensorChoice, TRAINING_PATHS, UNKNOWN_SPP,
-    lock,
+    Budget, Capture, CaptureRows, CheckpointSettings, DEFAULT_CHECKPOINT_SECONDS, DEFAULT_F_NUMBER, DEFAULT_PILOT_SPP,
+    DEFAULT_SPP, DenoiseMethod, DenoiseSettings, MAX_PIXELS, MAX_SIDE, MAX_TRAINING_PATHS, MIN_TRAINED_PIXELS,
+    MIN_TRAINED_SECONDS, OIDN_VARIABLE, PIXELS_PER_TRAINING_PATH, RenderSettings, RunSettings, SensorChoice,
+    TRAINING_PATHS, UNKNOWN_SPP, lock,
 };
 pub use stage::Stage;
 pub use training::train;

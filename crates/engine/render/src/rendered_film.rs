@@ -1,7 +1,7 @@
 //! A rendered film together with the object and material ids of its pixels.
 
 use crate::error::Error;
-use crate::settings::Capture;
+use crate::settings::{Capture, CaptureRows};
 use dunkelfeld_film::{Film, Plane};
 use dunkelfeld_integrator::PixelIds;
 use dunkelfeld_scene::Scene;
@@ -61,7 +61,7 @@ impl RenderedFilm {
         Ok(Self { sums, groups: Vec::new(), is_spread: self.is_spread, ids, object_names, material_names })
     }
 
-    /// The film of a capture.
+    /// The film of a capture: its light, in its rows.
     ///
     /// # Errors
     /// As [`Self::weighted`].
@@ -69,7 +69,26 @@ impl RenderedFilm {
         // The last group is that of the lights that no group names.
         let mut factors = capture.factors.clone();
         factors.resize(self.groups.len().max(factors.len()), 0.0);
-        self.weighted(&factors)
+        let film = self.weighted(&factors)?;
+        if capture.rows == CaptureRows::ALL { Ok(film) } else { film.with_rows(capture.rows) }
+    }
+
+    /// The film of some of its rows, without groups.
+    fn with_rows(self, rows: CaptureRows) -> Result<Self, Error> {
+        let (width, height) = (self.sums.width(), self.sums.height());
+        let chosen: Vec<u32> = (rows.first..height).step_by(rows.step as usize).collect();
+        let mut sums = Film::with_layers(width, chosen.len() as u32, self.sums.layers());
+        let (mut next, mut band) = (0, Vec::new());
+        for top in (0..height).step_by(Film::TILE as usize) {
+            band.clear();
+            self.sums.read_rows(top..height.min(top + Film::TILE), &mut band);
+            let lines = (top..).zip(band.chunks(width as usize)).filter(|(y, _)| y % rows.step == rows.first);
+            let lines: Vec<_> = lines.flat_map(|(_, line)| line).copied().collect();
+            sums.add_rows(next, &lines).map_err(|_| Error::film_memory())?;
+            next += lines.len() as u32 / width;
+        }
+        let ids = Plane::from_fn(width, next, |x, y| *self.ids.at(x, chosen[y as usize]));
+        Ok(Self { sums, ids, ..self })
     }
 
     fn weighted_sums(&self, factors: &[f64]) -> Result<Film, Error> {

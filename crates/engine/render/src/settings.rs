@@ -90,6 +90,33 @@ pub struct Capture {
     pub factors: Vec<f64>,
     /// The exposure of the sensor, `None` for automatic exposure.
     pub exposure: Option<Exposure>,
+    /// Its rows of the film.
+    pub rows: CaptureRows,
+}
+
+/// The rows of a film that a capture has: all, or those of its light where lights flash in turn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct CaptureRows {
+    /// The first one.
+    pub first: u32,
+    /// From one to the next, 1 or more. The height of the film is a multiple of it.
+    pub step: u32,
+}
+
+impl Default for CaptureRows {
+    fn default() -> Self {
+        Self::ALL
+    }
+}
+
+impl CaptureRows {
+    /// All rows.
+    pub const ALL: Self = Self { first: 0, step: 1 };
+
+    /// The row of the film of a row of the capture.
+    pub fn of_film(self, row: u32) -> u32 {
+        self.first + row * self.step
+    }
 }
 
 /// What a program asks of a render beside the keys of a job.
@@ -138,6 +165,9 @@ pub struct RunSettings {
     /// The number of the capture that the settings are of, from 0: each has noise of its own ([`RenderSettings::noise_frame`]).
     #[serde(skip)]
     pub capture: u32,
+    /// The rows of the film of that capture.
+    #[serde(skip)]
+    pub rows: CaptureRows,
     /// Effects that were left out on purpose. They mark the outputs. The scene must have been built without them
     /// (`dunkelfeld::ProjectOptions::without`).
     pub without: Vec<Effect>,
@@ -302,12 +332,14 @@ impl RenderSettings {
         self.frame.wrapping_add(self.run.capture.wrapping_mul(0x9e37_79b9))
     }
 
-    /// The settings of a capture: its exposure, and no groups.
+    /// The settings of a capture: its exposure, the height of its rows, and no groups.
     #[must_use]
     pub fn of_capture(&self, capture: &Capture) -> Self {
         let mut settings = self.clone();
         let number = self.run.captures.iter().position(|other| other.name == capture.name);
         settings.run.capture = number.unwrap_or(0) as u32;
+        settings.run.rows = capture.rows;
+        settings.height /= capture.rows.step;
         (settings.run.light_groups, settings.run.captures) = (Vec::new(), Vec::new());
         if let SensorChoice::Emva { exposure, .. } = &mut settings.sensor {
             *exposure = capture.exposure;

@@ -48,13 +48,18 @@ pub(crate) fn run(args: &RenderArgs, started: Instant) -> Result<Outcome, Error>
         sink.say(&line);
     }
     let cancel = cancel_on_interrupt();
-    if !project.capture_names().is_empty() {
-        refuse_with_captures(args)?;
+    if args.frames.is_some_and(|frames| frames > 1) && !project.capture_names(None).is_empty() {
+        let problem = "a capture has one frame, and the job has captures";
+        return Err(Error::setting("--frames", problem, "remove [[capture]], and set the lights of one image"));
     }
     let cameras = project.defined_cameras();
     if cameras.len() > 1 {
         let turns = cameras::of_cameras(args, &mut project, &cameras, &sink)?;
         return cameras::run(args, project, turns, started, (&sink, &cancel));
+    }
+    if let ([camera], false) = (cameras.as_slice(), project.capture_names(None).is_empty()) {
+        // A capture may be of another camera than the first one.
+        project.settings.camera = Some(camera.clone());
     }
     if let Some(sample) = args.debug_sample {
         return debug_sample::run(&project, sample);
@@ -88,22 +93,6 @@ fn render(
         Ok(())
     })?;
     Ok((worst, exposure))
-}
-
-/// Flags that need one image.
-fn refuse_with_captures(args: &RenderArgs) -> Result<(), Error> {
-    let of_one = [
-        ("--checkpoint", args.checkpoint.is_some()),
-        ("--frames", args.frames.is_some_and(|frames| frames > 1)),
-        ("--samples", args.samples.is_some()),
-    ];
-    match of_one.iter().find(|(_, given)| *given) {
-        None => Ok(()),
-        Some((flag, _)) => {
-            let problem = "it is for one image, and the job has captures";
-            Err(Error::setting(*flag, problem, "remove [[capture]], and set the lights of one image"))
-        }
-    }
 }
 
 /// Writes the files of an image and prints the summary. The second value is the exposure of the sensor.

@@ -40,6 +40,7 @@ class OutOfMemoryError(DunkelfeldError): ...
 
 class Interrupted(KeyboardInterrupt):
     film: Film
+    films: dict[str, Film]
 
 @final
 class Sensor:
@@ -169,6 +170,15 @@ class Scene:
         progress: _Progress | None = None,
         **keys: Unpack[RenderKeys],
     ) -> Film: ...
+    def render_captures(
+        self,
+        *,
+        camera: str | None = None,
+        threads: int | None = None,
+        replay: Film | _Path | NDArray[np.uint32] | NDArray[np.int64] | None = None,
+        progress: _Progress | None = None,
+        **keys: Unpack[RenderKeys],
+    ) -> dict[str, Film]: ...
     def render_steps(
         self,
         *,

@@ -14,7 +14,7 @@ use crate::parallel::mean_image;
 use crate::plan::extrapolation::ConvergenceFit;
 use crate::plan::forecast::{Forecast, ForecastInput, Throughput};
 use crate::rendered_film::RenderedFilm;
-use crate::settings::RenderSettings;
+use crate::settings::{CaptureRows, RenderSettings};
 use dunkelfeld_adaptive::required_samples::{RequiredSamples, total};
 use dunkelfeld_adaptive::weights::{self, Pilot, Strategy};
 use dunkelfeld_film::Plane;
@@ -73,6 +73,29 @@ impl Measured {
             None => weights.data_mut().iter_mut().zip(other.weights.data()).for_each(|(w, &other)| *w = w.max(other)),
         }
         Self { required, hidden: self.hidden.min(other.hidden), weights, noise_of_samples }
+    }
+
+    /// That of a film whose rows are those of the captures in turn.
+    fn in_turn(captures: &[Self]) -> Self {
+        fn rows<T: Clone>(of: &[&Plane<T>]) -> Plane<T> {
+            let count = of.len() as u32;
+            let (width, height) = of.first().map_or((0, 0), |plane| (plane.width(), plane.height()));
+            Plane::from_fn(width, height * count, |x, y| of[(y % count) as usize].at(x, y / count).clone())
+        }
+        fn all<T>(of: impl Iterator<Item = Option<T>>) -> Option<Vec<T>> {
+            of.collect()
+        }
+        let required = all(captures.iter().map(|c| c.required.as_ref())).map(|of| RequiredSamples {
+            samples: rows(&of.iter().map(|required| &required.samples).collect::<Vec<_>>()),
+            saturated: rows(&of.iter().map(|required| &required.saturated).collect::<Vec<_>>()),
+        });
+        let noise_of_samples = all(captures.iter().map(|c| c.noise_of_samples.as_ref())).map(|of| rows(&of));
+        let weights = match &noise_of_samples {
+            Some(noise) => weights::sensor(noise),
+            None => rows(&captures.iter().map(|c| &c.weights).collect::<Vec<_>>()),
+        };
+        let hidden = captures.iter().fold(1.0, |least: f64, c| least.min(c.hidden));
+        Self { required, hidden, weights, noise_of_samples }
     }
 }
 
@@ -147,6 +170,9 @@ impl<'a> Planner<'a> {
             return self.measure_one(film, self.settings, k);
         };
         let of = |capture| self.measure_one(&film.of_capture(capture)?, &self.settings.of_capture(capture), k);
+        if first.rows != CaptureRows::ALL {
+            return Ok(Measured::in_turn(&captures.iter().map(of).collect::<Result<Vec<_>, _>>()?));
+        }
         others.iter().try_fold(of(first)?, |worst, capture| Ok(worst.max(of(capture)?)))
     }
 

@@ -209,6 +209,7 @@ mod tests {
             jitter: 0.0,
             line: 0.5,
             rows: 8,
+            in_turn: 1,
         }));
         scene
     }

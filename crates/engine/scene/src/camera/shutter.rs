@@ -36,6 +36,8 @@ pub struct LineScan {
     pub line: f64,
     /// Rows of the film.
     pub rows: u32,
+    /// Number of lights that flash in turn, line by line, so that each has an image of its own; 1 if all are on together.
+    pub in_turn: u32,
 }
 
 /// Time and place of a sample.
@@ -143,7 +145,7 @@ mod tests {
     const KEY: (u64, u32) = (7, 3);
 
     fn lines() -> LineScan {
-        LineScan { period: 1e-3, exposure: 4e-4, stages: 1, jitter: 0.0, line: 0.5, rows: 5 }
+        LineScan { period: 1e-3, exposure: 4e-4, stages: 1, jitter: 0.0, line: 0.5, rows: 5, in_turn: 1 }
     }
 
     #[test]

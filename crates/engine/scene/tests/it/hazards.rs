@@ -440,7 +440,7 @@ fn the_line_rate_follows_the_motion_along_the_height_of_the_image() {
     let of = |velocity: DVec3, period: f64| {
         let mut b = table();
         b.instances[0].motion = RigidMotion::linear(velocity);
-        let lines = LineScan { period, exposure: period, stages: 1, jitter: 0.0, line: 0.5, rows: 100 };
+        let lines = LineScan { period, exposure: period, stages: 1, jitter: 0.0, line: 0.5, rows: 100, in_turn: 1 };
         b.shutter = Some(Shutter::Lines(lines));
         // Without the lamp in front of the table.
         b.instances.truncate(1);

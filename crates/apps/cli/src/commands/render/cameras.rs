@@ -71,9 +71,8 @@ pub(super) fn run(
     started: Instant,
     (sink, cancel): (&Sink, &Cancel),
 ) -> Result<Outcome, Error> {
-    let captures = project.capture_names();
-    let of_turn = |turn: &Turn| match captures.as_slice() {
-        [] => vec![turn.outputs.clone()],
+    let of_turn = |turn: &Turn| match project.capture_names(turn.camera.as_deref()) {
+        names if names.is_empty() => vec![turn.outputs.clone()],
         names => names.iter().map(|name| turn.outputs.for_camera(name)).collect(),
     };
     let files: Vec<OutputPaths> = turns.iter().flat_map(of_turn).collect();

@@ -6,7 +6,7 @@ use crate::words::{about, count, exposure_time, seconds, shell};
 use dunkelfeld::denoising::why_builtin;
 use dunkelfeld::scene::Effect;
 use dunkelfeld::stats::CertificateStats;
-use dunkelfeld::{OutputPaths, Project, ProjectResult, SensorChoice, Stats};
+use dunkelfeld::{OutputPaths, Project, ProjectResult, RenderSettings, SensorChoice, Stats};
 use std::fmt::Write;
 use std::path::Path;
 
@@ -23,9 +23,8 @@ const MANY_SATURATED: f64 = 0.5;
 const MAX_FACTOR: f64 = 100.0;
 
 /// The warning of an automatic exposure that is long, or that the camera limits.
-fn exposure_warning(project: &Project, stats: &Stats) -> Option<String> {
-    let (SensorChoice::Emva { model, exposure: None, .. }, Some(sensor)) = (&project.settings.sensor, &stats.sensor)
-    else {
+fn exposure_warning(settings: &RenderSettings, stats: &Stats) -> Option<String> {
+    let (SensorChoice::Emva { model, exposure: None, .. }, Some(sensor)) = (&settings.sensor, &stats.sensor) else {
         return None;
     };
     let ([shortest, longest], seconds) = (model.exposure_range().map(|time| time.0), sensor.exposure_seconds);
@@ -53,7 +52,7 @@ pub(super) fn print_report(args: &RenderArgs, project: &Project, outputs: &Outpu
     if let Some(reason) = dunkelfeld::commands::black_image(&project.scene, result) {
         say(&format!("warning: {reason}"));
     }
-    if let Some(warning) = exposure_warning(project, s) {
+    if let Some(warning) = exposure_warning(result.settings(), s) {
         say(&warning);
     }
     if let Some(saturated) = s.sensor.as_ref().map(|s| s.saturated).filter(|share| *share > MANY_SATURATED) {

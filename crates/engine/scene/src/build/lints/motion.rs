@@ -64,7 +64,7 @@ impl Scene {
         steps.fold(0.0, f64::max)
     }
 
-    /// Reports an image that does not move by one row toward the top in each line period. The surface is the one in the
+    /// Reports an image that does not move by one row toward the top from a line to the next in the same light. The surface is the one in the
     /// middle of the sensor line.
     fn report_line_rate(&self, camera: &RayGenerator, width: u32, lines: &LineScan, report: &mut BuildReport) {
         let y = (lines.line * f64::from(lines.rows)) as f32;
@@ -72,7 +72,7 @@ impl Scene {
         let part = &self.parts[hit.part as usize];
         let Some(motion) = &part.motion else { return };
         let point = hit.point.as_dvec3();
-        let step: DVec3 = motion.velocity_at(point) * (0.5 * lines.period);
+        let step: DVec3 = motion.velocity_at(point) * (0.5 * lines.period * f64::from(lines.in_turn));
         let at = |p: DVec3| camera.project(p + self.world_origin);
         let (Some(before), Some(after)) = (at(point - step), at(point + step)) else { return };
         let (columns, rows) = (after[0] - before[0], before[1] - after[1]);

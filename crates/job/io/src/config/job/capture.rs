@@ -11,6 +11,8 @@ use std::collections::BTreeMap;
 
 /// Largest factor on a light.
 const MAX_FACTOR: f64 = 1e6;
+/// Most captures whose lights flash in turn: rows of a tile of the film, so that each has one in it.
+const MAX_IN_TURN: u32 = 16;
 
 /// `[[capture]]`
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -20,10 +22,17 @@ pub struct Capture {
     #[serde(deserialize_with = "name")]
     pub name: String,
     /// The lights that are on, by names or patterns, each with a factor on its strength. A list has the factors 1.
-    #[serde(deserialize_with = "factors")]
+    /// Default: all lights.
+    #[serde(default = "all_lights", deserialize_with = "factors")]
     pub lights: BTreeMap<String, f64>,
+    /// The camera whose image it is. Default: each camera that is rendered.
+    pub camera: Option<String>,
     /// The exposure; by default that of the sensor.
     pub exposure: Option<Exposure>,
+}
+
+fn all_lights() -> BTreeMap<String, f64> {
+    BTreeMap::from([("*".into(), 1.0)])
 }
 
 fn name<'de, D: Deserializer<'de>>(d: D) -> Result<String, D::Error> {
@@ -60,7 +69,7 @@ fn factors<'de, D: Deserializer<'de>>(d: D) -> Result<BTreeMap<String, f64>, D::
 }
 
 impl Job {
-    /// Checks without a scene: names that are there twice.
+    /// Checks without a scene: names that are there twice, and cameras that the job does not select.
     pub(super) fn check_captures(&self, file: &TomlFile) -> Result<(), InputError> {
         for (i, capture) in self.captures.iter().enumerate() {
             if self.captures[..i].iter().any(|other| other.name.eq_ignore_ascii_case(&capture.name)) {
@@ -68,8 +77,37 @@ impl Job {
                 let path = ["capture", &i.to_string(), "name"];
                 return Err(file.error_at_key(&path, problem, "write another name"));
             }
+            if let (Some(selected), Some(camera)) = (&self.camera.selected, &capture.camera)
+                && selected != camera
+            {
+                let problem = format!("the job selects the camera \"{selected}\", so that no render has this capture");
+                let help = "define the cameras by [[camera]] instead, with a `name` alone for one of the scene file";
+                return Err(file.error_at_key(&["capture", &i.to_string(), "camera"], problem, help));
+            }
         }
         Ok(())
+    }
+
+    /// The number of captures whose lights flash in turn, line by line, on a film of `rows` lines; 1 without `alternate`.
+    ///
+    /// # Errors
+    /// Captures that no line-scan camera takes in turn.
+    pub(super) fn lines_in_turn(&self, rows: u32) -> Result<u32, InputError> {
+        let Some(lines) = self.line_scan.filter(|lines| lines.alternate) else { return Ok(1) };
+        let count = self.captures.len() as u32;
+        let (problem, help) = if !(2..=MAX_IN_TURN).contains(&count) {
+            (format!("the job has {count} captures"), "write 2 to 16 [[capture]], whose lights flash in turn")
+        } else if self.captures.iter().any(|capture| capture.camera.is_some()) {
+            ("the captures of alternating lines are of the same camera".into(), "remove `camera` in [[capture]]")
+        } else if lines.tdi_stages > 1 {
+            ("the stages of a line are exposed one after the other, in different lights".into(), "remove `tdi_stages`")
+        } else if !rows.is_multiple_of(count) {
+            let problem = format!("the film has {rows} lines, which is no multiple of the {count} captures");
+            (problem, "write another `height` in [film]")
+        } else {
+            return Ok(count);
+        };
+        Err(self.source.error_at_key(&["line_scan", "alternate"], problem, help))
     }
 
     /// The factor of each light of a scene, by its name, for each capture. Of several patterns that match a light the last in the

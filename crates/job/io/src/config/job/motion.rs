@@ -41,6 +41,9 @@ pub struct LineScanSettings {
     /// Place of the sensor line in the height of the film, 0 (top) to 1. Default 0.5.
     #[serde(default = "half", deserialize_with = "check::share")]
     pub line: f64,
+    /// The lights of the captures flash in turn, line by line: capture k of n has the lines k, k + n and so on. Default false.
+    #[serde(default)]
+    pub alternate: bool,
 }
 
 fn one() -> u32 {

@@ -192,6 +192,7 @@ impl Job {
             jitter: settings.encoder_jitter,
             line: settings.line,
             rows,
+            in_turn: self.lines_in_turn(rows)?,
         })))
     }
 }
@@ -322,7 +323,8 @@ mod tests {
         );
         let scan =
             of(&format!("[sensor]\nexposure = 1e-4\n{line}tdi_stages = 8\nencoder_jitter = \"1us\"\nline = 0.25\n"));
-        let expected = LineScan { period: 1e-4, exposure: 1e-4, stages: 8, jitter: 1e-6, line: 0.25, rows: 64 };
+        let expected =
+            LineScan { period: 1e-4, exposure: 1e-4, stages: 8, jitter: 1e-6, line: 0.25, rows: 64, in_turn: 1 };
         assert_eq!(scan.expect("valid"), Some(Shutter::Lines(expected)));
         for (text, place, part) in
             [(moving.to_string(), "velocity", "automatic"), (line.to_string(), "line_rate", "automatic")]

@@ -11,6 +11,7 @@ const OF_MODEL: [&str; 3] = ["gain", "temperature", "black_level"];
 /// - The vignetting is that of all lenses.
 /// - A sensor replaces the gain, the temperature and the black level that the job sets for its own. Without one
 ///   (`"none"`) the image is not exposed; film and lens stay those of the job's sensor.
+/// - An exposure is that of all captures.
 /// - A denoiser and its library are replaced together.
 /// - A size alone is that of the render ([`Job::size`](super::Job::size)), so it is not merged. Beside other keys of the film it
 ///   is that of the film.
@@ -28,6 +29,11 @@ pub(super) fn replace_together(job: &mut Table, overrides: &mut Table) {
         for lens in cameras.into_iter().filter_map(|camera| section(camera, "lens")) {
             lens.insert("vignetting".into(), vignetting.clone());
         }
+    }
+    if section(overrides, "sensor").is_some_and(|sensor| sensor.contains_key("exposure"))
+        && let Some(Value::Array(captures)) = job.get_mut("capture")
+    {
+        captures.iter_mut().filter_map(Value::as_table_mut).for_each(|capture| drop(capture.remove("exposure")));
     }
     let limits = ["time", "spp", "noise"];
     let sets_limit =
