@@ -22,7 +22,7 @@ fn main() -> Result<(), dunkelfeld::Error> {
     save(Shutter::Frame { exposure: 20.0 * PIXEL / SPEED }, &frame)?;
     // In a line period the part moves by one pixel. Four stages collect the light of four lines.
     let period = PIXEL / SPEED;
-    let lines = LineScan { period, exposure: 0.5 * period, stages: 4, jitter: 0.0, line: 0.5, rows: SIZE };
+    let lines = LineScan { period, exposure: 0.5 * period, stages: 4, jitter: 0.0, line: 0.5, rows: SIZE, in_turn: 1 };
     save(Shutter::Lines(lines), &scan)
 }
 
