@@ -28,6 +28,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
     // The budget begins here: it includes loading and building.
     let started = Instant::now();
     let arguments: Vec<OsString> = arguments.into_iter().collect();
+    arguments.first().into_iter().for_each(|name| outcome::set_program(&name.to_string_lossy()));
     interrupt::survive_file_size_limit();
     let args = match args::Cli::try_parse_from(&arguments) {
         Ok(args) => args,

@@ -30,6 +30,19 @@ impl Outcome {
     }
 }
 
+/// The name of the program, as the user called it.
+static PROGRAM: OnceLock<String> = OnceLock::new();
+
+/// Sets the name of the program, once.
+pub(crate) fn set_program(name: &str) {
+    PROGRAM.get_or_init(|| name.to_owned());
+}
+
+/// The name of the program.
+pub(crate) fn program() -> &'static str {
+    PROGRAM.get().map_or("dunkelfeld", String::as_str)
+}
+
 /// Are lines on standard error JSON objects?
 static JSON: AtomicBool = AtomicBool::new(false);
 

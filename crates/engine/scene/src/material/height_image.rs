@@ -101,33 +101,38 @@ const LEAST_SHARE: f32 = 1.0 / 6.0;
 /// Number of slopes that stand for an image.
 const SLOPES: usize = 1 << 14;
 /// Directions and steps of the table of visible areas.
-const DIRECTIONS: usize = 64;
+const DIRECTIONS: usize = 128;
 const STEPS: usize = 32;
 
 /// The mean of max(0, 1 - s a) over the slopes s of an image, for vectors a.
 #[derive(Clone, Debug, Default, serde::Serialize)]
 struct VisibleArea {
-    /// Root of the mean square of the slopes.
-    deviation: f32,
-    /// By direction and step x = d / (1 + d) with d = deviation |a|: the mean times 1 - x.
+    /// Roots of the mean squares of the slopes along both axes.
+    deviations: Vec2,
+    /// By direction and step x = d / (1 + d), where d is the length of a times the deviations: the mean times 1 - x.
     table: Vec<f32>,
 }
 
 impl VisibleArea {
     fn new(slopes: &[Vec2]) -> Self {
-        let squares: f64 = slopes.iter().map(|s| f64::from(s.length_squared())).sum();
-        let deviation = ((squares / slopes.len() as f64).sqrt() as f32).max(f32::MIN_POSITIVE);
+        let mean_square = |of: fn(&Vec2) -> f32| {
+            slopes.iter().map(|s| f64::from(of(s)).powi(2)).sum::<f64>() / slopes.len() as f64
+        };
+        let squares = [mean_square(|s| s.x), mean_square(|s| s.y)];
+        let deviations = Vec2::from(squares.map(|square| (square.sqrt() as f32).max(f32::MIN_POSITIVE)));
+        let slopes: Vec<Vec2> = slopes.iter().map(|s| s / deviations).collect();
         let entry = |i: usize| {
             let x = (i % (STEPS + 1)) as f32 / STEPS as f32;
-            let a = direction(i / (STEPS + 1)) * (x / deviation);
+            let a = direction(i / (STEPS + 1)) * x;
             let sum: f64 = slopes.iter().map(|s| f64::from((1.0 - x - s.dot(a)).max(0.0))).sum();
             (sum / slopes.len() as f64) as f32
         };
-        Self { deviation, table: (0..DIRECTIONS * (STEPS + 1)).map(entry).collect() }
+        Self { deviations, table: (0..DIRECTIONS * (STEPS + 1)).map(entry).collect() }
     }
 
     fn mean(&self, a: Vec2) -> f32 {
-        let distance = self.deviation * a.length();
+        let a = a * self.deviations;
+        let distance = a.length();
         let x = distance / (1.0 + distance);
         let [turn, step] = [quadrants(a) * (DIRECTIONS / 4) as f32, x * STEPS as f32];
         let [from, low] = [(turn as usize).min(DIRECTIONS - 1), (step as usize).min(STEPS - 1)];

@@ -1,7 +1,7 @@
 //! The summary after a render: results on standard output, faults on standard error.
 
 use crate::args::RenderArgs;
-use crate::outcome::{print, say};
+use crate::outcome::{print, program, say};
 use crate::words::{about, count, exposure_time, seconds, shell};
 use dunkelfeld::denoising::why_builtin;
 use dunkelfeld::scene::Effect;
@@ -257,7 +257,7 @@ fn matched(share: f64) -> String {
 
 /// The command that traces a sample again: everything that a camera sample depends on.
 fn replay_command(args: &RenderArgs, camera: Option<&str>, s: &Stats, sample: &str) -> String {
-    let mut words = vec!["dunkelfeld".into(), "render".into(), args.input.display().to_string()];
+    let mut words = vec![program().to_owned(), "render".into(), args.input.display().to_string()];
     let mut flag = |name: &str, value: String| words.extend([name.into(), value]);
     flag("--width", s.run.size[0].to_string());
     flag("--height", s.run.size[1].to_string());
