@@ -1,4 +1,4 @@
-"""Renders the jobs of docs/recipes.md and docs/examples.md, and writes their pictures, seconds and levels k.
+"""Renders the jobs of docs/recipes.md and docs/examples.md and the bracket of the README, and writes pictures, seconds and levels k.
 
     python example_pictures.py --dunkelfeld ../target/release/dunkelfeld [NAME...]
 
@@ -76,13 +76,31 @@ def defects(program: Path) -> None:
     print(f"defects: {seconds:.0f} s")
 
 
+def bracket(program: Path) -> None:
+    """Four lightings of four brackets with defects, for the README: the first images of the study, without those for training."""
+    study = (ROOT / "scenes" / "studies" / "bracket.toml").read_text()
+    study = re.sub(r"^(train|pairs) = .*$", "", study, flags=re.MULTILINE).replace(
+        "bracket.glb", f"{ROOT}/scenes/studies/bracket.glb"
+    )
+    (OUT / "bracket.toml").write_text(study)
+    run(program, "dataset", OUT / "bracket.toml", "-o", OUT / "bracket", "--count", "6")
+    captures, images = ["right", "rear", "left", "front"], [0, 1, 2, 5]
+    grey = [Image.open(OUT / "bracket" / "images" / f"{i:06}-{c}.png").convert("L") for i in images for c in captures]
+    box = (4, 40, 302, 216)
+    width, height = box[2] - box[0], box[3] - box[1]
+    sheet = Image.new("L", (4 * (width + 2) - 2, 4 * (height + 2) - 2), 255)
+    for k, picture in enumerate(grey):
+        sheet.paste(picture.crop(box), (k % 4 * (width + 2), k // 4 * (height + 2)))
+    sheet.quantize(64).save(ROOT / "docs" / "bracket.png", optimize=True)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--dunkelfeld", type=Path, default=ROOT / "target" / "release" / "dunkelfeld")
-    parser.add_argument("only", nargs="*", help="recipes, expose, or names of jobs; by default all")
+    parser.add_argument("only", nargs="*", help="recipes, bracket, expose, or names of jobs; by default all")
     options = parser.parse_args()
     OUT.mkdir(parents=True, exist_ok=True)
-    others = {"recipes": recipes, "expose": expose, "defects": defects}
+    others = {"recipes": recipes, "expose": expose, "defects": defects, "bracket": bracket}
     jobs = sorted(job.stem for job in JOBS.glob("*.toml") if job.stem not in others)
     for name in options.only or [*jobs, *others]:
         if name in others:

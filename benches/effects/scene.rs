@@ -3,9 +3,9 @@
 use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, RigidMotion, Vec2, Vec3, Vec4};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{
-    AlphaMode, Aperture, ColorEncoding, Effect, EmissionProfile, Environment, EnvironmentSource, Finish, Image,
-    ImageId, LightProfile, LineScan, Material, Opening, Process, PunctualKind, PunctualLight, Scene, SceneBuilder,
-    Shutter, Surface, Texels, Texture, Volume,
+    AlphaMode, Aperture, ColorEncoding, Effect, EmissionProfile, Environment, EnvironmentSource, Finish, HeightField,
+    Image, ImageId, LightProfile, LineScan, Material, Opening, Process, PunctualKind, PunctualLight, Scene,
+    SceneBuilder, Shutter, Surface, Texels, Texture, Volume,
 };
 use std::sync::Arc;
 
@@ -166,7 +166,7 @@ fn put_in_use(b: &mut SceneBuilder, effect: Effect) -> Result<(), String> {
         Effect::Anisotropy => b.materials.iter_mut().for_each(|m| m.anisotropy.strength.factor = FAINT),
         Effect::Finish => {
             let finish = Finish { process: Process::Grained { size: 1e-4 }, mean_deviation: 1e-12, seed: 0 };
-            b.materials.iter_mut().for_each(|m| m.finish = Some(finish));
+            b.materials.iter_mut().for_each(|m| m.height = Some(HeightField::Finish(finish)));
         }
         Effect::Sheen => b.materials.iter_mut().for_each(|m| m.sheen.color.factor = Rgb::splat(FAINT)),
         Effect::Clearcoat => b.materials.iter_mut().for_each(|m| m.clearcoat.strength.factor = FAINT),

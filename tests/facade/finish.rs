@@ -1,13 +1,15 @@
-//! Finishes of machined surfaces: they reflect as their geometry does. Replay: `cargo test -p dunkelfeld --test it finish::NAME`.
+//! Finishes of machined surfaces, and height images: they reflect as their geometry does. Replay: `cargo test -p dunkelfeld --test it finish::NAME`.
 
 use crate::support::{RATE, build, emitter, film, settings, spot_camera};
-use dunkelfeld::geometry::{DAffine3, DVec3, Mesh, Vec3};
+use dunkelfeld::geometry::{DAffine3, DVec3, Mesh, Vec2, Vec3};
 use dunkelfeld::radiometry::Rgb;
 use dunkelfeld::scene::{
-    Anisotropy, Camera, Environment, EnvironmentSource, Finish, Grain, Material, Process, Projection, Scene,
-    SceneBuilder, look_at, shapes::rectangle,
+    Anisotropy, Camera, ColorEncoding, Environment, EnvironmentSource, Finish, Grain, HeightField, HeightImage, Image,
+    ImageId, Material, Process, Projection, Scene, SceneBuilder, Texels, Texture, TextureTransform, look_at,
+    shapes::rectangle,
 };
 use dunkelfeld_testkit::z_test;
+use std::f32::consts::{PI, TAU};
 
 /// Feed of the cusps \[m\].
 const FEED: f32 = 0.01;
@@ -18,31 +20,51 @@ const STEEPEST: f32 = 0.12;
 /// Mean deviation of a cusp over its height.
 const DEVIATION: f32 = 0.256_600_1;
 
-fn metal(finish: Option<Finish>) -> Material {
+fn metal(height: Option<HeightField>) -> Material {
     Material {
         base_color: Rgb::splat(0.9).into(),
         metallic: 1.0.into(),
         roughness: 0.2.into(),
-        finish,
+        height,
         ..Material::default()
     }
 }
 
 /// Cusps along x with a feed \[m\].
-fn turned(feed: f32) -> Finish {
+fn turned(feed: f32) -> HeightField {
     let process = Process::Turned { feed, axis: Vec3::X, origin: Vec3::ZERO };
-    Finish { process, mean_deviation: DEVIATION * 0.25 * STEEPEST * feed, seed: 1 }
+    HeightField::Finish(Finish { process, mean_deviation: DEVIATION * 0.25 * STEEPEST * feed, seed: 1 })
 }
 
-/// A plate of 0.8 m with cusps of triangles along x, as [`turned`] has them.
-fn cusps() -> Mesh {
+/// A period of waves along x as an image, whose width is that of a feed: as steep as the cusps where they are steepest.
+fn waves(size: Option<f32>, transform: TextureTransform) -> HeightField {
+    let texture = Texture { transform, ..Texture::new(ImageId(0), ColorEncoding::Linear) };
+    HeightField::Image(HeightImage { texture: Some(texture), depth: STEEPEST * FEED / PI, size })
+}
+
+fn wave_image() -> Image {
+    let texel = |i: u32| [((0.5 - 0.5 * ((i as f32 + 0.5) / 64.0 * TAU).cos()) * 65535.0).round() as u16];
+    let texels = Texels::Gray16((0..128).map(|i| texel(i % 64)).collect());
+    Image { name: "waves".into(), width: 64, height: 2, texels: texels.into() }
+}
+
+/// Height of a cusp over its feed, at shares of it: lowest in the middle.
+fn cusp(share: f32) -> f32 {
+    STEEPEST * (share - 0.5).powi(2)
+}
+
+/// Height of a wave over its length.
+fn wave(share: f32) -> f32 {
+    -0.5 * STEEPEST / PI * (share * TAU).cos()
+}
+
+/// A plate of 0.8 m with a profile of triangles along x.
+fn ridges(height: fn(f32) -> f32) -> Mesh {
     const SEGMENTS: usize = 24;
     let (n, mut mesh) = (80 * SEGMENTS, Mesh::default());
     for k in 0..=n {
         let x = FEED * (k as f32 / SEGMENTS as f32 - 40.0);
-        // A cusp is lowest in its middle.
-        let u = (k % SEGMENTS) as f32 / SEGMENTS as f32 - 0.5;
-        let z = STEEPEST * FEED * u * u;
+        let z = FEED * height((k % SEGMENTS) as f32 / SEGMENTS as f32);
         mesh.positions.extend([Vec3::new(x, -0.4, z), Vec3::new(x, 0.4, z)]);
     }
     for k in 0..n as u32 {
@@ -53,7 +75,7 @@ fn cusps() -> Mesh {
 
 /// A plate under a lamp at an angle \[degrees\] from above. The film shows so much of its x \[m\], from 20 degrees on the other side.
 fn scene(mesh: Mesh, material: Material, angle: f32, seen: f32) -> Scene {
-    let mut b = SceneBuilder::default();
+    let mut b = SceneBuilder { images: vec![wave_image()], ..SceneBuilder::default() };
     let m = b.add_material(material);
     b.add_object("plate", mesh, m);
     let lamp = b.add_material(emitter(10.0));
@@ -100,10 +122,32 @@ fn assert_same(a: [f64; 2], b: [f64; 2], what: &str) {
 fn a_finish_reflects_as_its_geometry() {
     for angle in [20.0, 35.0, 55.0] {
         let finish = mean(&scene(plate(), metal(Some(turned(FEED))), angle, 0.4), FILM, 1);
-        let geometry = mean(&scene(cusps(), metal(None), angle, 0.4), FILM, 2);
+        let geometry = mean(&scene(ridges(cusp), metal(None), angle, 0.4), FILM, 2);
         assert_same(finish, geometry, &format!("lamp at {angle} degrees"));
         let plane = mean(&scene(plate(), metal(None), angle, 0.4), FILM, 3);
         assert!((plane[0] / finish[0] - 1.0).abs() > 0.03, "{angle}: {plane:?}");
+    }
+}
+
+/// A height image has the radiance of its geometry, by the object's axes in metres, and by texture coordinates with a transform.
+#[test]
+fn an_image_reflects_as_its_geometry() {
+    let mut by_uv = plate();
+    by_uv.uvs[0] = by_uv.positions.iter().map(|p| Vec2::new(p.y, p.x + 0.4)).collect();
+    let transform = TextureTransform {
+        scale: Vec2::splat(1.0 / FEED),
+        rotation: std::f32::consts::FRAC_PI_2,
+        ..TextureTransform::default()
+    };
+    let by_size = waves(Some(FEED), TextureTransform::default());
+    for angle in [20.0, 35.0, 55.0] {
+        let geometry = mean(&scene(ridges(wave), metal(None), angle, 0.4), FILM, 2);
+        for (mesh, height, what) in [(plate(), by_size, "size"), (by_uv.clone(), waves(None, transform), "uv")] {
+            let image = mean(&scene(mesh, metal(Some(height)), angle, 0.4), FILM, 1);
+            assert_same(image, geometry, &format!("by {what}, lamp at {angle} degrees"));
+        }
+        let plane = mean(&scene(plate(), metal(None), angle, 0.4), FILM, 3);
+        assert!((plane[0] / geometry[0] - 1.0).abs() > 0.03, "{angle}: {plane:?}");
     }
 }
 
@@ -123,20 +167,22 @@ fn the_mean_is_the_same_at_every_distance() {
 /// A white surface under uniform light reflects all of it, whatever its heights, and no more at grazing views.
 #[test]
 fn no_light_is_lost_or_made() {
-    for process in [
+    let processes = [
         Process::Milled { feed: 0.002, radius: 0.1, direction: Vec3::X },
         Process::Grooved { width: 0.002, length: 0.05, direction: Vec3::Y },
         Process::Grained { size: 0.002 },
-    ] {
-        let finish = Finish { process, mean_deviation: 2e-5, seed: 3 };
-        let render = |finish: Finish, degrees: f64| {
-            let mut b = SceneBuilder { energy_compensation: true, ..SceneBuilder::default() };
+    ];
+    let finish = |process| HeightField::Finish(Finish { process, mean_deviation: 2e-5, seed: 3 });
+    for height in processes.map(finish).into_iter().chain([waves(Some(FEED), TextureTransform::default())]) {
+        let render = |height: HeightField, degrees: f64| {
+            let (energy_compensation, images) = (true, vec![wave_image()]);
+            let mut b = SceneBuilder { energy_compensation, images, ..SceneBuilder::default() };
             let base_color = Rgb::WHITE.into();
             let m = Material {
                 base_color,
                 metallic: 1.0.into(),
                 roughness: 0.1.into(),
-                finish: Some(finish),
+                height: Some(height),
                 ..Material::default()
             };
             let m = b.add_material(m);
@@ -148,9 +194,9 @@ fn no_light_is_lost_or_made() {
             mean(&build(b), [48, 48], 7)
         };
         for degrees in [30.0, 60.0, 80.0, 88.0] {
-            let [found, error] = render(finish, degrees);
+            let [found, error] = render(height, degrees);
             let most = if degrees > 60.0 { 0.02 } else { 0.005 };
-            assert!((found - 1.0).abs() < most + 6.0 * error, "{process:?}, {degrees} degrees: {found}");
+            assert!((found - 1.0).abs() < most + 6.0 * error, "{height:?}, {degrees} degrees: {found}");
         }
     }
 }
@@ -159,6 +205,7 @@ fn no_light_is_lost_or_made() {
 #[test]
 fn a_stretched_object_has_the_marks_of_its_size() {
     let finish = Finish { process: Process::Grained { size: 0.002 }, mean_deviation: 2e-5, seed: 3 };
+    let finish = HeightField::Finish(finish);
     let render = |mesh: Mesh, scale: DVec3, seed: u64| {
         let mut b = SceneBuilder::default();
         let m = b.add_material(metal(Some(finish)));

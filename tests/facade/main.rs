@@ -21,6 +21,7 @@ mod motion;
 mod outputs;
 mod project;
 mod references;
+mod rounded_edges;
 mod support;
 mod surfaces;
 mod transport;

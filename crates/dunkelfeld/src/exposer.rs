@@ -256,7 +256,10 @@ impl Exposer {
     pub fn frame(&self, number: u32) -> Result<Plane<u16>, Error> {
         let [width, height] = self.size();
         let key = FrameKey { seed: self.seed, frame: number };
-        let drawn = self.known.as_ref().map(|known| (known, known.electrons(&self.electrons, &self.device, key)));
+        let drawn = self
+            .known
+            .as_ref()
+            .map(|known| (known, known.electrons(&self.electrons, (&self.device, self.exposure), key)));
         let mut values = Plane::new(width, height, 0u16);
         values.data_mut().par_chunks_mut(width.max(1) as usize).enumerate().try_for_each(|(y, row)| {
             let rows = y as u32..y as u32 + 1;

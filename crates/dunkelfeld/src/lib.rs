@@ -142,10 +142,11 @@ pub mod scene {
     pub use dunkelfeld_scene::{
         AlphaMode, Anisotropy, Aperture, Blades, BuildCache, BuildError, BuildReport, Camera, CameraError, Clearcoat,
         ColorEncoding, DiffuseTransmission, Distortion, Effect, Effects, Environment, EnvironmentSource, FilmWindow,
-        Filter, Finding, Finish, Grain, Image, ImageId, Instance, Lens, LightInfo, LightProfile, LineScan, Material,
-        MeshPart, NormalMap, ObjectInfo, Opening, Parameter, PartInfo, Process, ProfileError, Projection, PunctualKind,
-        PunctualLight, RayGenerator, Scene, SceneBuilder, SceneSummary, Severity, Sheen, Shutter, Specular, Surface,
-        Texels, Texture, TextureTransform, ThinLens, Vignetting, Volume, Wrap, framing_camera, look_at, shapes,
+        Filter, Finding, Finish, Grain, HeightField, HeightImage, Image, ImageId, Instance, Lens, LightInfo,
+        LightProfile, LineScan, Material, MeshPart, NormalMap, ObjectInfo, Opening, Parameter, PartInfo, Process,
+        ProfileError, Projection, PunctualKind, PunctualLight, RayGenerator, Scene, SceneBuilder, SceneSummary,
+        Severity, Sheen, Shutter, Specular, Surface, Texels, Texture, TextureTransform, ThinLens, Vignetting, Volume,
+        Wrap, framing_camera, look_at, shapes,
     };
 }
 

@@ -4,7 +4,7 @@ use dunkelfeld_film::Plane;
 use dunkelfeld_render::Error;
 use dunkelfeld_render::film_noise::{PixelVariance, sensor_noise, shares};
 use dunkelfeld_render::lens_image::LensImage;
-use dunkelfeld_sensor::{Device, Exposure, FrameKey, LensBlur, Response, SensorModel, matched_where};
+use dunkelfeld_sensor::{Device, Exposure, FrameKey, LensBlur, Response, SensorModel, largest_variance, matched_where};
 use std::borrow::Cow;
 use std::sync::Arc;
 
@@ -90,10 +90,23 @@ impl CompensationInputs {
         })
     }
 
-    /// The mean electrons of a frame of a device: those of the image, with the noise that the lens takes from the render.
-    pub(crate) fn electrons<'a>(&self, mean: &'a Plane<f32>, device: &Device, key: FrameKey) -> Cow<'a, Plane<f32>> {
+    /// The mean electrons of a frame of a device: those of the image, with the noise that the lens takes from the render. Where the
+    /// render has more noise than the camera, it takes no more than that of the largest render noise that can be matched.
+    pub(crate) fn electrons<'a>(
+        &self,
+        mean: &'a Plane<f32>,
+        (device, exposure): (&Device, Exposure),
+        key: FrameKey,
+    ) -> Cow<'a, Plane<f32>> {
         let Some((blur, shares, variance)) = &self.restored else { return Cow::Borrowed(mean) };
-        let mut restored = blur.restored(variance, *shares, device.normals(key));
+        let model = device.model();
+        let (dark, read) = (model.dark_electrons(exposure.time()).0, model.pixel_dark_noise().0.powi(2));
+        let mut means = mean.data().iter();
+        let variance = variance.map(|&v| {
+            let most = means.next().map_or(0.0, |&mean| largest_variance(f64::from(mean) + dark, read) as f32);
+            if v.is_finite() { v.min(most) } else { v }
+        });
+        let mut restored = blur.restored(&variance, *shares, device.normals(key));
         restored.data_mut().iter_mut().zip(mean.data()).for_each(|(out, mean)| *out = (*out + mean).max(0.0));
         Cow::Owned(restored)
     }
@@ -107,5 +120,41 @@ impl CompensationInputs {
         let mut held = matched_where(model, exposure, electrons, &self.variance);
         held.data_mut().iter_mut().zip(self.is_rare.data()).for_each(|(held, rare)| *held &= !rare);
         held
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use dunkelfeld_film::MeanImage;
+    use dunkelfeld_radiometry::{Metres, Seconds};
+    use dunkelfeld_sensor::{Optics, Psf};
+
+    /// A variance far above that of the camera, as a rare sample gives its surroundings, adds no more noise than a camera has.
+    #[test]
+    fn a_lens_restores_no_more_noise_than_a_camera_has() {
+        let optics = Optics::new(5.6, 0.9, 0.0).expect("in range").with_psf(Psf::Diffraction);
+        let image = MeanImage::without_moments(Plane::new(1, 1, [0.0; 3]), true);
+        let blur = Arc::new(LensBlur::new(&optics, Metres(3.45e-6), &image).expect("it blurs"));
+        let model = dunkelfeld_io::sensor_file::preset("imx250").expect("a preset");
+        let (size, mean, key) = (48, 1000.0, FrameKey { seed: 1, frame: 0 });
+        let device = Device::new(model, 1, size, size);
+        let exposure = Exposure::new(Seconds(1e-3)).expect("in range");
+        let frame = |variance: f32| {
+            let unknown = Plane::new(size, size, false);
+            let known = CompensationInputs {
+                restored: Some((blur.clone(), [1.0, 0.0, 0.0], Plane::new(size, size, variance))),
+                ..CompensationInputs::new(Plane::new(size, size, variance), unknown)
+            };
+            known.electrons(&Plane::new(size, size, mean), (&device, exposure), key).into_owned()
+        };
+        let spread = |frame: &Plane<f32>| {
+            let squares = frame.data().iter().map(|v| f64::from(v - mean).powi(2)).sum::<f64>();
+            squares / f64::from(size * size)
+        };
+        // Below the limit, noise is restored in proportion to the variance; above it, that of the limit.
+        let (low, high, limit) = (frame(100.0), frame(1e8), frame(0.64 * 1010.0));
+        assert!(spread(&low) > 1.0 && spread(&low) < 100.0, "{}", spread(&low));
+        assert!((spread(&high) / spread(&limit) - 1.0).abs() < 0.02, "{} {}", spread(&high), spread(&limit));
     }
 }

@@ -145,7 +145,7 @@ fn key_points_are_in_all_files() {
     }
     let three = points.replacen("[{", "[{ name = \"top\", at = [0, \"4mm\", 0] }, {", 1);
     fs::write(bench.path("bad.toml"), text.replacen(points, &three, 1)).expect("writable");
-    assert!(bench.refused("dataset bad.toml -o bad").contains("same number, or write `yolo = false`"));
+    assert!(bench.refused("dataset bad.toml -o bad").contains("same number, or write `yolo = \"none\"`"));
     // The lines of a category without key points, and of defects, are filled with points that are not labelled.
     let scratch = "[[study.defect]]\nkind = \"scratch\"\non = \"plate\"\nfacing = [0, 1, 0]\nlength = \"40mm\"\nwidth = \"4mm\"\n\
         depth = \"100um\"\ncount = 3\n[camera]";

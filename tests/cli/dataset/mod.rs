@@ -6,6 +6,7 @@
 mod bench;
 mod content;
 mod faults;
+mod layouts;
 mod refusals;
 mod runs;
 mod set_files;

@@ -3,8 +3,9 @@
 use crate::distribution::Fault;
 use crate::ids::Ids;
 use crate::label_entry::LabelEntry;
+use crate::layout::is_kind;
 use crate::names::ObjectNames;
-use crate::study::{PictureFormat, Study};
+use crate::study::{Layout, PictureFormat, Study, Yolo};
 use dunkelfeld::{Error, Project, SensorChoice};
 use dunkelfeld_scene::Shutter;
 use std::collections::BTreeSet;
@@ -15,6 +16,7 @@ use std::collections::BTreeSet;
 /// An object in two entries, and labels that the images cannot have.
 pub(crate) fn check(study: &Study, project: &Project, names: &ObjectNames<'_>, ids: &Ids) -> Result<(), Error> {
     check_labels(study, names)?;
+    check_images(study, project, ids)?;
     let labels = &study.labels;
     let is_line_scan = matches!(project.scene.shutter(), Some(Shutter::Lines(_)));
     if let Some(Shutter::Lines(lines)) = project.scene.shutter()
@@ -45,15 +47,21 @@ pub(crate) fn check(study: &Study, project: &Project, names: &ObjectNames<'_>, i
         ),
         (
             "yolo",
-            labels.yolo && study.images.picture == PictureFormat::None,
+            labels.yolo != Yolo::None && study.images.picture == PictureFormat::None,
             "YOLO needs the pictures in `images/`, which `picture = \"none\"` leaves out",
-            "write `picture = \"png\"` in [study.images], or `yolo = false`",
+            "write `picture = \"png\"` in [study.images], or `yolo = \"none\"`",
         ),
         (
             "yolo",
-            labels.yolo && counts.len() > 1,
+            labels.yolo == Yolo::Boxes && counts.len() > 1,
             "YOLO has one number of key points in all rows, and those of the categories differ",
-            "give all categories with key points the same number, or write `yolo = false`",
+            "give all categories with key points the same number, or write `yolo = \"none\"`",
+        ),
+        (
+            "yolo",
+            matches!(labels.yolo, Yolo::Segments | Yolo::Oriented) && !counts.is_empty(),
+            "YOLO has key points in rows with boxes only",
+            "remove `keypoints`, or write `yolo = \"boxes\"`",
         ),
     ] {
         if is_wrong {
@@ -61,6 +69,45 @@ pub(crate) fn check(study: &Study, project: &Project, names: &ObjectNames<'_>, i
         }
     }
     Ok(())
+}
+
+/// Pairs need defects, and the tree of MVTec AD needs what its readers expect.
+fn check_images(study: &Study, project: &Project, ids: &Ids) -> Result<(), Error> {
+    let at = |path: &[&str], problem: &str, help: &str| Err(study.error(Fault::new(problem, help), path).into());
+    if study.pairs && ids.kinds().next().is_none() {
+        return at(
+            &["study", "pairs"],
+            "the images of a pair differ in defects, and there is no [[study.defect]]",
+            "remove the key",
+        );
+    }
+    if study.images.layout == Layout::None {
+        return Ok(());
+    }
+    let layout = ["study", "images", "layout"];
+    if study.images.picture != PictureFormat::Png {
+        return at(&layout, "readers of MVTec AD need PNG files", "write `picture = \"png\"`");
+    }
+    if study.train == 0 {
+        return at(&layout, "MVTec AD needs images for training", "write their number as `train` in [study]");
+    }
+    let cameras = if study.job(0)?.camera.is_none() { project.defined_cameras().len() } else { 1 };
+    if cameras > 1 && !project.capture_names(None).is_empty() {
+        return at(
+            &layout,
+            "the masks are of one camera, and the captures of several",
+            "select one by `camera` in [study]",
+        );
+    }
+    match ids.kinds().find(|kind| !is_kind(kind)) {
+        None => Ok(()),
+        Some(kind) => {
+            let problem = format!("the category \"{kind}\" of a defect is no name of a folder of MVTec AD");
+            let help =
+                "use letters, digits, `_` and `-`, and not \"good\" or \"combined\", as `category` of the defect";
+            at(&layout, &problem, help)
+        }
+    }
 }
 
 /// An object has one category and one list of key points.

@@ -1,5 +1,6 @@
 //! The part of an instance that its ring does not reach around, and the nearest pixels of the ring.
 
+use crate::hull::convex_hull;
 use crate::surroundings::Value;
 use std::collections::BTreeMap;
 
@@ -91,36 +92,10 @@ impl<'a> NearestRing<'a> {
     }
 }
 
-/// Twice the area of a triangle: positive if its corners turn to the left.
-fn turn(a: [i64; 2], b: [i64; 2], c: [i64; 2]) -> i64 {
-    (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-}
-
-/// The corners of the convex hull, turning to the left (Andrew 1979, by monotone chains).
-fn convex_hull(mut points: Vec<[i64; 2]>) -> Vec<[i64; 2]> {
-    points.sort_unstable();
-    points.dedup();
-    let chain = |points: &mut dyn Iterator<Item = [i64; 2]>| {
-        let mut chain: Vec<[i64; 2]> = Vec::new();
-        for point in points {
-            while let [.., a, b] = chain[..]
-                && turn(a, b, point) <= 0
-            {
-                chain.pop();
-            }
-            chain.push(point);
-        }
-        chain.pop();
-        chain
-    };
-    let mut hull = chain(&mut points.iter().copied());
-    hull.extend(chain(&mut points.iter().rev().copied()));
-    hull
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::hull::turn;
     use dunkelfeld_sampling::mix64;
 
     /// The definition: each pixel against all edges of the hull and all pixels of the ring.

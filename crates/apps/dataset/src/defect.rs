@@ -53,7 +53,8 @@ impl AddedDefect {
     /// The places where its label is seen.
     pub(crate) fn sight(&self) -> LabelSight {
         match (self.kind.as_str(), self.placed.is_clear) {
-            ("shifted", _) => LabelSight::Surface,
+            // A decal may cover nothing at places.
+            ("shifted" | "decal", _) => LabelSight::Surface,
             ("missing" | "faded", true) => LabelSight::Behind,
             _ => LabelSight::Everywhere,
         }

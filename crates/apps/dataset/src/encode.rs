@@ -1,6 +1,7 @@
 //! The files of an image: pictures, layers of labels, annotations.
 
 use crate::coco::{Annotation, CompressedRle, Segmentation as Shape};
+use crate::hull::{convex_hull, smallest_rectangle};
 use crate::ids::Ids;
 use crate::keypoints::InstancePoints;
 use crate::labels::LabelPlanes;
@@ -9,7 +10,7 @@ use crate::pinhole::Pinhole;
 use crate::pose::Pose;
 use crate::record::InstanceRecord;
 use crate::rle::runs_of_labels;
-use crate::study::{ImageSettings, LabelSettings, LinearFormat, PictureFormat, Segmentation};
+use crate::study::{ImageSettings, LabelSettings, LinearFormat, PictureFormat, Segmentation, Yolo};
 use dunkelfeld::outputs::encode_picture;
 use dunkelfeld::{Error, Frame};
 use dunkelfeld_film::Plane;
@@ -43,7 +44,7 @@ pub(crate) struct ImageLabels {
     pub(crate) keypoints: Vec<InstancePoints>,
 }
 
-fn encoded(what: &str, result: std::io::Result<Vec<u8>>) -> Result<Vec<u8>, Error> {
+pub(crate) fn encoded(what: &str, result: std::io::Result<Vec<u8>>) -> Result<Vec<u8>, Error> {
     result.map_err(|e| Error::setting(what, e.to_string(), "use another format or size"))
 }
 
@@ -172,13 +173,29 @@ pub(crate) fn annotations(
 /// The lines of YOLO of an image: the class is the id of the category less one. Behind the box there are `count` key
 /// points. An instance without key points, as a defect, has zeros there: points that are not labelled.
 pub(crate) fn yolo(
+    shapes: Yolo,
+    mask: &Plane<u16>,
     instances: &[InstanceRecord],
     points: &[InstancePoints],
     count: usize,
-    [width, height]: [u32; 2],
 ) -> String {
+    let size @ [width, height] = [mask.width(), mask.height()];
     let lines = instances.iter().filter(|record| record.area > 0).filter_map(|record| {
         let class = usize::from(record.category).checked_sub(1)?;
+        let inside = |x: usize, y: usize| mask.data().get(y * width as usize + x) == Some(&record.id);
+        let outlines = || outline(record.bbox, inside).polygons;
+        match shapes {
+            Yolo::None | Yolo::Boxes => {}
+            Yolo::Segments => {
+                return Some(crate::yolo::polygon(class, &crate::yolo::joined(&outlines()), width, height));
+            }
+            Yolo::Oriented => {
+                let corners = outlines().concat();
+                let corners = corners.chunks_exact(2).map(|corner| [corner[0] as i64, corner[1] as i64]).collect();
+                let corners = smallest_rectangle(&convex_hull(corners), size)?;
+                return Some(crate::yolo::polygon(class, &corners, width, height));
+            }
+        }
         let points = points.iter().find(|points| points.instance == record.id);
         let points = points.iter().flat_map(|points| &points.points).map(|point| (point.x, point.y, point.v));
         let points = points.chain(std::iter::repeat((0.0, 0.0, 0))).take(count);

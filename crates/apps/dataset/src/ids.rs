@@ -92,6 +92,16 @@ impl Ids {
         }
     }
 
+    /// The name of a category.
+    pub(crate) fn name_of(&self, category: u16) -> Option<&str> {
+        self.categories.iter().find(|c| c.id == category).map(|c| c.name.as_str())
+    }
+
+    /// The names of the categories of defects, also of those that objects have as well, by the entries of defects.
+    pub(crate) fn kinds(&self) -> impl Iterator<Item = &str> {
+        self.defects.iter().filter_map(|id| self.name_of(*id))
+    }
+
     /// The largest number of key points of a category.
     pub(crate) fn most_keypoints(&self) -> usize {
         most_keypoints(&self.categories)

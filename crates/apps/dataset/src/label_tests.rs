@@ -4,6 +4,9 @@ use crate::make::{Made, Worker};
 use crate::record::InstanceRecord;
 use crate::study::Study;
 use dunkelfeld::Cancel;
+use dunkelfeld_film::Plane;
+use dunkelfeld_io::picture::Picture;
+use dunkelfeld_io::png::png_bytes;
 use std::sync::Arc;
 
 /// Pixels on each side of the film, which is 40 mm wide.
@@ -254,4 +257,32 @@ fn a_part_with_the_category_of_a_defect_is_no_defect() {
     assert!(instance(&own, "block").area > 200);
     assert_eq!(instance(&own, "dust 1").category, 2);
     assert_eq!(instance(&shared, "dust 1").category, 1);
+}
+
+/// A picture of 80 x 40 pixels whose left half is white, as a mask on the floor: the label is that half.
+#[test]
+fn the_label_of_a_decal_is_what_its_picture_covers() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("half.png");
+    let texels = Plane::from_fn(80, 40, |x, _| if x < 40 { 255 } else { 0 });
+    std::fs::write(&path, png_bytes(Picture::Gray8(&texels)).expect("a PNG")).expect("a file");
+    let decal = |image: &str| {
+        let keys =
+            "kind = \"decal\"\nname = \"mark\"\non = \"floor\"\nmode = \"mask\"\nlength = \"16mm\"\nangle = \"0deg\"";
+        format!("[study.labels]\ncoverage = 4\n[[study.defect]]\n{keys}\nimage = {image:?}\n[study.images]\n")
+    };
+    let path = path.to_str().expect("a path");
+    let plate = object("floor", "kind = \"plane\"\nsize = [\"24mm\", \"12mm\"]");
+    let made = make(&decal(path), &plate);
+    let mark = instance(&made, "mark 1");
+    let pixel = 40.0 / f64::from(SIDE);
+    let x = mark.place.as_ref().expect("a place").world[0] * 1e3;
+    let expected = 8.0 * 8.0 / pixel.powi(2);
+    assert!((mark.visible / expected - 1.0).abs() < 0.03, "{} of {expected}", mark.visible);
+    // The left half of the picture is that before the middle along its rows, which run along +x.
+    let middle = (f64::from(mark.bbox[0]) + 0.5 * f64::from(mark.bbox[2])) * pixel - 20.0;
+    assert!((middle - (x - 4.0)).abs() < pixel, "{middle} {x}");
+    let missing = Study::from_text("test.toml", &format!("scene = \"none\"\n[study]\n{}", decal("no.png")));
+    let fault = missing.expect_err("no file").to_string();
+    assert!(fault.contains("no.png") && fault.contains("test.toml"), "{fault}");
 }

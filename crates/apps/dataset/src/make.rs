@@ -10,13 +10,14 @@ use crate::ids::{Ids, ObjectLabel};
 use crate::inputs::{InputRecord, input_records};
 use crate::keypoints::{InstancePoints, PointObject, film_points};
 use crate::labels::{LabelCamera, LabelLayers, LabelObjects, LabelPlanes, PixelBox, trace_labels};
+use crate::layout::{TreeImage, add_tree};
 use crate::names::ObjectNames;
 use crate::pinhole::{Pinhole, image_box};
 use crate::placement::Placement;
 use crate::pose::{poses, shape};
 use crate::record::{CaptureRecord, Cost, FileRecord, InstanceRecord, PlaceRecord, Record};
 use crate::set::Set;
-use crate::study::{DrawnJob, LinearFormat, MAX_COUNT, Study};
+use crate::study::{DrawnJob, Layout, LinearFormat, MAX_COUNT, Study, Yolo};
 use crate::surface_path::Surfaces;
 use crate::visibility::{Bounds, Exposed, Visibility, visibility};
 use dunkelfeld::film::FilmLayers;
@@ -285,6 +286,7 @@ impl Worker {
                 placement.apply(scene, draws, &mut record).map_err(at)?;
                 drawn.append(&mut record);
             }
+            let entries = if study.has_defects(index) { entries.as_slice() } else { &[] };
             let defects = add_defects(entries, study, scene, draws, drawn)
                 .map_err(|(number, fault)| study.image_error(index, "defect", number, fault))?;
             parts = SceneParts::new(scene, ids, defects, study.labels.bop);
@@ -368,7 +370,19 @@ impl Worker {
         let mut annotations: Vec<Annotation> =
             encode::annotations(index, wanted, &planes, &instances, &points, &self.ids);
         annotations.sort_by_key(|a| a.instance);
-        let yolo = wanted.yolo.then(|| encode::yolo(&instances, &points, self.ids.most_keypoints(), size));
+        let count = self.ids.most_keypoints();
+        let yolo = (wanted.yolo != Yolo::None)
+            .then(|| encode::yolo(wanted.yolo, &planes.instances, &instances, &points, count));
+        if study.images.layout == Layout::Mvtec {
+            let image = TreeImage {
+                index,
+                is_training: index < study.train,
+                is_defective: !parts.defects.is_empty(),
+                instances: &instances,
+                mask: &planes.instances,
+            };
+            add_tree(&mut files, &image, &self.ids)?;
+        }
         let file_name = files.iter().find(|(n, _)| n.starts_with("images/") || n.starts_with("linear/"));
         let labels = encode::ImageLabels {
             index,

@@ -1,7 +1,8 @@
 //! Makes the images of a set: several at a time, next to other processes that do the same.
 
 use crate::make::{Start, Worker, checked_count};
-use crate::record::Record;
+use crate::price::{Measured, Price};
+use crate::record::{Cost, Record};
 use crate::set::Set;
 use crate::study::Study;
 use derive_setters::Setters;
@@ -53,6 +54,9 @@ pub trait RunProgress: Sync {
     /// Receives the progress after each image.
     fn update(&self, state: &RunState);
 
+    /// Receives the price of the set, once after the first images if others follow.
+    fn price(&self, _: &Price) {}
+
     /// Receives a setting of the study that has no effect, before the first image, and a finding about the images of the
     /// run, at its end.
     fn warning(&self, _: &str) {}
@@ -81,6 +85,8 @@ pub struct RunSummary {
     /// Mean share of the pixels of the images that this run made for which noise-matched exposure holds; `None` with plain
     /// noise.
     pub matched: Option<f64>,
+    /// The price of the whole set by the images that this run made.
+    pub price: Option<Price>,
 }
 
 /// Makes the missing images of a set. Several processes can run on the same folder: each image is made by one of them. A
@@ -111,9 +117,10 @@ pub fn run(
     let mut first = Worker::open(study, threads)?;
     let Start { set, wanted, missing } = first.start(folder, options.count, options.indices.as_deref())?;
     first.warnings().iter().for_each(|warning| progress.warning(warning));
+    let capacity = (jobs, if threads == 0 { cores } else { threads });
     let jobs = jobs.min(missing.len()).max(1);
     let (seconds, state) = (options.seconds, Mutex::new(State::default()));
-    let run = Run { set: &set, missing: &missing, wanted, began, jobs, seconds, progress, cancel, state };
+    let run = Run { set: &set, missing: &missing, wanted, began, jobs, capacity, seconds, progress, cancel, state };
     run.report(0);
     std::thread::scope(|scope| {
         let run = &run;
@@ -147,8 +154,12 @@ pub fn run(
         elsewhere: open.saturating_sub(unmade.len()) as u64,
         failed: unmade.into_iter().map(|(index, e)| (index, e.to_string())).collect(),
         matched: mean(&state.seen.matched),
+        price: state.seen.measured.price(set.count(), capacity.0, capacity.1),
     })
 }
+
+/// Images after which the price of a set is reported.
+const PRICED: u64 = 4;
 
 /// Less time gives no useful image \[s\].
 const LEAST: f64 = 0.02;
@@ -169,6 +180,8 @@ struct Run<'a> {
     wanted: u64,
     began: Instant,
     jobs: usize,
+    /// The jobs of a run of the whole set, and the cores of each.
+    capacity: (usize, usize),
     /// The time of the run, if it has one.
     seconds: Option<f64>,
     progress: &'a dyn RunProgress,
@@ -261,16 +274,21 @@ impl Run<'_> {
                 }
                 Err(e) => return Err(e),
             };
-            let (record, _) = self.set.commit(claim, image)?;
+            let (record, cost) = self.set.commit(claim, image)?;
             let mut state = self.state();
             if let Some(budget) = budget {
                 state.excess = (state.excess.0 + began.elapsed().as_secs_f64() - budget, state.excess.1 + 1);
             }
-            state.seen.add(&record);
+            state.seen.add(&record, &cost);
             state.made += 1;
-            let made = state.made;
+            let (made, measured) = (state.made, state.seen.measured);
             drop(state);
             self.report(made);
+            if made == PRICED.min(self.missing.len() as u64 - 1)
+                && let Some(price) = measured.price(self.set.count(), self.capacity.0, self.capacity.1)
+            {
+                self.progress.price(&price);
+            }
         }
         Ok(())
     }
@@ -290,10 +308,12 @@ struct Seen {
     /// Shares of the pixels with matched noise, and of those that are saturated.
     matched: Vec<f64>,
     saturated: Vec<f64>,
+    measured: Measured,
 }
 
 impl Seen {
-    fn add(&mut self, record: &Record) {
+    fn add(&mut self, record: &Record, cost: &Cost) {
+        self.measured.add(cost, record);
         self.matched.extend(record.matched);
         self.saturated.extend(record.certificate.map(|certificate| certificate.saturated));
     }

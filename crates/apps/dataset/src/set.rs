@@ -11,7 +11,7 @@ use crate::report::{SetView, page};
 use crate::resolved::resolved_study;
 use crate::set_folder::{enter, own_path};
 use crate::stable_text::text_hash;
-use crate::study::{MAX_COUNT, PictureFormat, Segmentation, Study};
+use crate::study::{MAX_COUNT, PictureFormat, Segmentation, Study, Yolo};
 use dunkelfeld::Error;
 use dunkelfeld::outputs::written;
 use dunkelfeld_io::InputError;
@@ -430,7 +430,7 @@ fn files_of(study: &Study) -> Vec<String> {
         ("coco.json", labels.coco != Segmentation::None),
         ("scene_camera.json", labels.bop),
         ("scene_gt.json", labels.bop),
-        ("data.yaml", labels.yolo),
+        ("data.yaml", labels.yolo != Yolo::None),
         (REPORT, has_picture),
     ];
     files.iter().filter(|(_, is_wanted)| *is_wanted).map(|(name, _)| (*name).to_owned()).collect()

@@ -45,5 +45,7 @@ pub(crate) fn own_path(folder: &Path, name: &str) -> Result<PathBuf, InputError>
 }
 
 /// The folders of the files of images.
-pub(crate) const FOLDERS: [&str; 11] =
-    ["costs", "coverage", "depth", "images", "labels", "linear", "masks", "normals", "raw", "records", "semantic"];
+pub(crate) const FOLDERS: [&str; 12] = [
+    "costs", "coverage", "depth", "images", "labels", "linear", "masks", "mvtec", "normals", "raw", "records",
+    "semantic",
+];

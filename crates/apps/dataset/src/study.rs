@@ -49,6 +49,10 @@ struct StudySettings {
     seed: u64,
     /// `"one"`, `"each"`, or the number of images in a row that come from the same device. Default `"one"`.
     device: Device,
+    /// So many images come first and have no defects, for training. Default 0.
+    train: u64,
+    /// Each draw after those gives two images: without its defects, and with them. Default false.
+    pairs: bool,
     /// Name of the camera of the images.
     camera: Option<Value>,
     /// Named draws.
@@ -101,12 +105,25 @@ pub(crate) struct ImageSettings {
     pub(crate) linear: LinearFormat,
     /// Linear grey values without a header: rows from the top, little-endian, 16 bit. Default false.
     pub(crate) raw: bool,
+    /// A second tree of the pictures, for readers of another data set. Default `"none"`.
+    pub(crate) layout: Layout,
 }
 
 impl Default for ImageSettings {
     fn default() -> Self {
-        Self { picture: PictureFormat::Png, quality: 95, linear: LinearFormat::None, raw: false }
+        let (picture, linear) = (PictureFormat::Png, LinearFormat::None);
+        Self { picture, quality: 95, linear, raw: false, layout: Layout::None }
     }
+}
+
+/// A tree of pictures beside `images/`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum Layout {
+    /// No tree.
+    None,
+    /// That of MVTec AD, for the detection of anomalies.
+    Mvtec,
 }
 
 /// Format of the 8-bit picture.
@@ -144,8 +161,8 @@ pub(crate) struct LabelSettings {
     pub(crate) normals: bool,
     /// Annotations in the format of COCO. Default `"rle"`.
     pub(crate) coco: Segmentation,
-    /// Boxes in the format of YOLO. Default false.
-    pub(crate) yolo: bool,
+    /// Labels in the format of YOLO. Default `"none"`.
+    pub(crate) yolo: Yolo,
     /// Camera matrices and poses in the format of BOP. Default false.
     pub(crate) bop: bool,
 }
@@ -159,7 +176,7 @@ impl Default for LabelSettings {
             depth: false,
             normals: false,
             coco: Segmentation::Rle,
-            yolo: false,
+            yolo: Yolo::None,
             bop: false,
         }
     }
@@ -177,6 +194,34 @@ pub(crate) enum Segmentation {
     None,
 }
 
+/// Shapes in the format of YOLO.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(try_from = "Value")]
+pub(crate) enum Yolo {
+    /// No files.
+    None,
+    /// Boxes along the axes, with key points.
+    Boxes,
+    /// Outlines.
+    Segments,
+    /// The smallest rectangles in any direction.
+    Oriented,
+}
+
+impl TryFrom<Value> for Yolo {
+    type Error = String;
+
+    fn try_from(value: Value) -> Result<Self, String> {
+        match (value.as_bool(), value.as_str()) {
+            (Some(false), _) | (_, Some("none")) => Ok(Self::None),
+            (Some(true), _) | (_, Some("boxes")) => Ok(Self::Boxes),
+            (_, Some("segments")) => Ok(Self::Segments),
+            (_, Some("oriented")) => Ok(Self::Oriented),
+            _ => Err("expected \"boxes\", \"segments\", \"oriented\" or \"none\"".into()),
+        }
+    }
+}
+
 #[derive(Deserialize)]
 struct StudyOnly {
     study: StudySettings,
@@ -191,6 +236,8 @@ pub struct Study {
     pub count: u64,
     pub(crate) seed: u64,
     pub(crate) device: Device,
+    pub(crate) train: u64,
+    pub(crate) pairs: bool,
     pub(crate) images: ImageSettings,
     pub(crate) labels: LabelSettings,
     pub(crate) label: Vec<LabelEntry>,
@@ -306,6 +353,8 @@ impl Study {
             count,
             seed: study.seed,
             device: study.device,
+            train: study.train,
+            pairs: study.pairs,
             images: study.images,
             labels: study.labels,
             label: study.label,
@@ -373,11 +422,11 @@ impl Study {
         // TOML has signed numbers.
         let device = match self.device {
             Device::One => 0,
-            Device::Series(images) => index / images,
+            Device::Series(images) => draws.index / images,
         };
         let seed = hash_u64([self.seed, XxHash3_64::oneshot(b"device"), device]) >> 1;
         table.insert("seed".into(), Value::Integer(seed as i64));
-        let frame = u32::try_from(index).unwrap_or(u32::MAX);
+        let frame = u32::try_from(draws.index).unwrap_or(u32::MAX);
         table.insert("frame".into(), Value::Integer(i64::from(frame)));
         let text = toml::to_string(&table).map_err(|e| {
             InputError::new(self.source.path(), "the study", format!("makes no job: {e}"), "check its values")
@@ -397,8 +446,18 @@ impl Study {
         Err(self.error(Fault::new(problem, format!("the cameras are {}", names.join(", "))), key))
     }
 
+    /// The draws of an image. Those of a pair are the same.
     pub(crate) fn draws(&self, index: u64) -> Draws {
+        let index = match index.checked_sub(self.train) {
+            Some(after) if self.pairs => self.train + after / 2,
+            _ => index,
+        };
         Draws { seed: hash_u64([self.seed, XxHash3_64::oneshot(self.name.as_bytes())]), index }
+    }
+
+    /// Has an image the defects of its draws?
+    pub(crate) fn has_defects(&self, index: u64) -> bool {
+        index >= self.train && !(self.pairs && (index - self.train).is_multiple_of(2))
     }
 
     /// The named draws of an image, computed when they are needed.

@@ -110,11 +110,17 @@ impl KnownFiles {
     /// The files in the folders of images that belong to none. Hidden files, and claims of images, are not meant.
     fn foreign(&self, set: &Path) -> BTreeSet<String> {
         let mut found = BTreeSet::new();
-        for folder in FOLDERS {
-            for entry in fs::read_dir(set.join(folder)).into_iter().flatten().flatten() {
+        let mut folders = FOLDERS.map(str::to_owned).to_vec();
+        while let Some(folder) = folders.pop() {
+            for entry in fs::read_dir(set.join(&folder)).into_iter().flatten().flatten() {
                 let file = entry.file_name().to_string_lossy().into_owned();
-                let index = file.split_once('.').and_then(|(index, _)| index.parse().ok());
                 let name = format!("{folder}/{file}");
+                // The tree of MVTec AD has folders.
+                if folder.starts_with("mvtec") && entry.file_type().is_ok_and(|kind| kind.is_dir()) {
+                    folders.push(name);
+                    continue;
+                }
+                let index = file.get(..6).and_then(|index| index.parse().ok());
                 let is_open = index.is_some_and(|index| self.open.contains(&index)) || file.ends_with(".lock");
                 if !file.starts_with('.') && !is_open && !self.names.contains(&name) {
                     found.insert(name);

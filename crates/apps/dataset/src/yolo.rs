@@ -15,6 +15,38 @@ pub(crate) fn line(class: usize, [x, y, w, h]: [u32; 4], width: u32, height: u32
     format!("{class} {cx:.6} {cy:.6} {w:.6} {h:.6}")
 }
 
+/// The line `class x1 y1 x2 y2 ...` of an object with the corners of its polygon \[px\], as fractions of `width` and `height`
+/// with six decimals.
+pub(crate) fn polygon(class: usize, corners: &[[f64; 2]], width: u32, height: u32) -> String {
+    let mut text = class.to_string();
+    for [x, y] in corners {
+        _ = write!(text, " {:.6} {:.6}", x / f64::from(width), y / f64::from(height));
+    }
+    text
+}
+
+/// The polygons x0, y0, x1, y1, ... of an instance as one, since a line has one. Each is joined to those before it by a line
+/// there and back between the nearest corners, which has no area (as `merge_multi_segment` of Ultralytics).
+pub(crate) fn joined(polygons: &[Vec<f64>]) -> Vec<[f64; 2]> {
+    let mut all: Vec<[f64; 2]> = Vec::new();
+    for polygon in polygons {
+        let corners: Vec<[f64; 2]> = polygon.chunks_exact(2).map(|corner| [corner[0], corner[1]]).collect();
+        let distance = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2);
+        let pairs = (0..all.len()).flat_map(|i| (0..corners.len()).map(move |k| (i, k)));
+        let nearest = pairs.min_by(|a, b| {
+            let [a, b] = [a, b].map(|&(i, k)| distance(all[i], corners[k]));
+            a.total_cmp(&b)
+        });
+        let Some((i, k)) = nearest else {
+            all = corners;
+            continue;
+        };
+        let bridge = corners[k..].iter().chain(&corners[..=k]).chain([&all[i]]).copied();
+        all.splice(i + 1..i + 1, bridge.collect::<Vec<_>>());
+    }
+    all
+}
+
 /// The end of a line with key points: ` x y v` for each of them. The places [px] become fractions of `width` and `height`
 /// of the image [px], with six decimals.
 pub(crate) fn keypoints(points: impl IntoIterator<Item = (f64, f64, u8)>, width: u32, height: u32) -> String {
@@ -85,6 +117,24 @@ mod tests {
                 }
             }
         }
+    }
+
+    /// The bridges have no area: that of the polygon is the number of pixels (the formula of Gauss), and each polygon is in
+    /// it with all its corners.
+    #[test]
+    fn polygons_are_joined_without_an_area() {
+        let mask = ["##....#", ".#.##.#", "...##..", "#......", "##...##"];
+        let inside = |x: usize, y: usize| mask[y].as_bytes()[x] == b'#';
+        let polygons = crate::outline::outline([0, 0, 7, 5], inside).polygons;
+        assert_eq!(polygons.len(), 5);
+        let all = joined(&polygons);
+        assert_eq!(all.len(), polygons.iter().map(|p| p.len() / 2).sum::<usize>() + 2 * 4);
+        let area: f64 =
+            all.iter().zip(all.iter().cycle().skip(1)).map(|(a, b)| 0.5 * (a[0] * b[1] - a[1] * b[0])).sum();
+        assert_eq!(area, mask.concat().matches('#').count() as f64);
+        // The third is nearest to the first, not to the second.
+        assert!(all.windows(2).any(|pair| pair == [[2.0, 0.0], [3.0, 1.0]]), "{all:?}");
+        assert_eq!(polygon(3, &[[0.0, 1.0], [4.0, 2.0]], 8, 4), "3 0.000000 0.250000 0.500000 0.500000");
     }
 
     #[test]

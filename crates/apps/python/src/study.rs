@@ -65,7 +65,7 @@ impl Study {
     /// called with (finished images, all images, elapsed [s], remaining [s] or None), from the threads of the run.
     ///
     /// Returns a dictionary: `made`, `finished` and `count` (images), `seconds`, `failed` (index and message of
-    /// images whose draws do not fit).
+    /// images whose draws do not fit), `price` of the whole set by the images of this run, or None.
     /// Raises the error of the first image if the set has no image yet and the draws of this image do not fit.
     /// Ctrl-C and an exception of `progress` end the run; finished images remain, and the same call continues.
     #[pyo3(signature = (folder, *, count=None, indices=None, jobs=None, threads=None, time=None, progress=None))]
@@ -92,7 +92,7 @@ impl Study {
         if let Some(raised) = raised.or_else(|| lock(&sink.raised).take()) {
             return Err(raised.into());
         }
-        let RunSummary { made, finished, count, seconds, failed, .. } =
+        let RunSummary { made, finished, count, seconds, failed, price, .. } =
             result.ok_or_else(|| internal("a thread panicked"))??;
         let entries = PyDict::new(py);
         for (name, number) in [("made", made), ("finished", finished), ("count", count)] {
@@ -100,6 +100,7 @@ impl Study {
         }
         entries.set_item("seconds", seconds)?;
         entries.set_item("failed", failed)?;
+        entries.set_item("price", loaded(py, &price)?)?;
         Ok(entries)
     }
 

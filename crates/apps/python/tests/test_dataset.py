@@ -128,6 +128,7 @@ def test_a_run_reports_and_continues(study: Study, folder: Path, tmp_path: Path)
     seen: list[Any] = []
     first = study.run(tmp_path / "set", indices=[3, 1], jobs=1, threads=2, progress=lambda *state: seen.append(state))
     assert (first["made"], first["finished"], first["count"]) == (2, 2, 5)
+    assert first["price"] is not None and (first["price"]["measured"], first["price"]["count"]) == (2, 5)
     assert [state[:2] for state in seen] == [(0, 2), (1, 2), (2, 2)] and seen[-1][2] > 0
     assert DataSet(tmp_path / "set").missing() == [0, 2, 4]
     second = study.run(tmp_path / "set")

@@ -41,7 +41,7 @@ pub use efficiency::{BANDS, BayerPattern, ColorFilter, Efficiency, FilterColor, 
 pub use error::{SensorError, time_in_words};
 pub use expose::{Device, FrameKey, Readout};
 pub use lens_blur::LensBlur;
-pub use matched::{ExposureNoise, LeftOut, holds, left_out, matched_where};
+pub use matched::{ExposureNoise, LeftOut, holds, largest_variance, left_out, matched_where};
 pub use model::{DarkCurrent, Published, SensorModel, SensorSpec};
 pub use optics::{
     DARK_EXPOSURE, Exposure, ImageExposure, MeanElectrons, Optics, Response, Weights, auto_exposure, electrons,

@@ -76,8 +76,14 @@ pub fn left_out(render_variance: f64, poisson_mean: f64, read_variance: f64) -> 
 pub fn holds(render_variance: f64, poisson_mean: f64, read_variance: f64) -> bool {
     let darker = (poisson_mean - MARGIN * render_variance.sqrt()).max(0.0);
     render_variance >= 0.0
-        && render_variance <= MAX_NOISE_RATIO * MAX_NOISE_RATIO * (poisson_mean + read_variance)
+        && render_variance <= largest_variance(poisson_mean, read_variance)
         && render_variance <= MOST * (darker + read_variance)
+}
+
+/// The largest render variance at which the method can be valid \[e-^2\].
+#[inline]
+pub fn largest_variance(poisson_mean: f64, read_variance: f64) -> f64 {
+    MAX_NOISE_RATIO * MAX_NOISE_RATIO * (poisson_mean + read_variance)
 }
 
 /// A plane that is true for pixels at which the method is valid, from the mean electrons of an exposure and their

@@ -196,22 +196,11 @@ impl MeshHealth {
         // Volumes are relative to the centre, where the cancellation of the signed parts is least.
         let middle = if bounds.is_empty() { DVec3::ZERO } else { bounds.center().as_dvec3() };
 
-        let mut welded: FxHashMap<[u32; 3], u32> = FxHashMap::default();
-        welded.reserve(mesh.positions.len());
+        let mut welded = Weld::of(mesh);
         let mut half_edges: Vec<u64> = Vec::with_capacity(3 * mesh.triangles.len());
         let (mut triangles, mut six_volumes, mut twice_area) = (0, 0.0, 0.0);
         for corners in mesh.triangles.iter().filter(sound).map(corners_of) {
-            let ids = corners.map(|c| {
-                let next = welded.len() as u32;
-                *welded.entry(position_key(c)).or_insert(next)
-            });
-            for (from, to) in [(ids[0], ids[1]), (ids[1], ids[2]), (ids[2], ids[0])] {
-                // Lower id, higher id, and in the lowest bit whether the edge is directed downward. So uses of one edge
-                // sort together, and those in one direction come first. Ids fit in 31 bits, because vertices are
-                // counted in u32 and three of them make a triangle of 12 bytes.
-                let (lo, hi, down) = if from < to { (from, to, 0) } else { (to, from, 1) };
-                half_edges.push((u64::from(lo) << 33) | (u64::from(hi) << 1) | down);
-            }
+            half_edges.extend(welded.half_edges(corners));
             let [a, b, c] = corners.map(|c| c.as_dvec3() - middle);
             triangles += 1;
             six_volumes += a.dot(b.cross(c));
@@ -221,7 +210,7 @@ impl MeshHealth {
 
         let mut health = Self {
             triangles,
-            vertices: welded.len(),
+            vertices: welded.0.len(),
             open_edges: 0,
             inconsistent_edges: 0,
             non_manifold_edges: 0,
@@ -248,6 +237,52 @@ impl MeshHealth {
     /// True if it is closed and wound inward.
     pub fn is_inside_out(&self) -> bool {
         self.is_closed() && self.signed_volume < 0.0
+    }
+}
+
+/// The opposite of a half-edge of [`opposite_half_edges`] that has none.
+pub const OPEN: u32 = u32::MAX;
+
+/// For each half-edge of a mesh after [`clean`], the one of the neighbour in the opposite direction. The half-edge `3 t + k`
+/// runs from corner k of triangle t to its next corner. [`OPEN`] where an edge does not join exactly two triangles, or joins them
+/// with opposite windings.
+pub fn opposite_half_edges(mesh: &Mesh) -> Vec<u32> {
+    let (mut welded, mut opposite) = (Weld::of(mesh), vec![OPEN; 3 * mesh.triangles.len()]);
+    let keys = (0..mesh.triangles.len()).flat_map(|t| welded.half_edges(mesh.corners(t)));
+    let mut edges: Vec<(u64, u32)> = keys.zip(0..).collect();
+    edges.sort_unstable();
+    for uses in edges.chunk_by(|a, b| a.0 >> 1 == b.0 >> 1) {
+        if let &[(up, a), (down, b)] = uses
+            && up != down
+        {
+            (opposite[a as usize], opposite[b as usize]) = (b, a);
+        }
+    }
+    opposite
+}
+
+/// Numbers of different positions.
+struct Weld(FxHashMap<[u32; 3], u32>);
+
+impl Weld {
+    fn of(mesh: &Mesh) -> Self {
+        let mut ids = FxHashMap::default();
+        ids.reserve(mesh.positions.len());
+        Self(ids)
+    }
+
+    /// Keys of the half-edges of a triangle: lower id, higher id, and in the lowest bit whether the edge is directed downward. So
+    /// uses of one edge sort together, and those in one direction come first. Ids fit in 31 bits, because vertices are counted
+    /// in u32 and three of them make a triangle of 12 bytes.
+    fn half_edges(&mut self, corners: [Vec3; 3]) -> [u64; 3] {
+        let [a, b, c] = corners.map(|corner| {
+            let next = self.0.len() as u32;
+            *self.0.entry(position_key(corner)).or_insert(next)
+        });
+        [(a, b), (b, c), (c, a)].map(|(from, to)| {
+            let (lo, hi, down) = if from < to { (from, to, 0) } else { (to, from, 1) };
+            (u64::from(lo) << 33) | (u64::from(hi) << 1) | down
+        })
     }
 }
 
@@ -318,6 +353,18 @@ mod tests {
         let mut far = cube();
         far.positions.iter_mut().for_each(|p| *p += Vec3::new(1000.0, -1000.0, 0.0));
         assert!((MeshHealth::from_mesh(&far).signed_volume - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn neighbours_share_an_edge_in_opposite_directions() {
+        let mut mesh = cube();
+        mesh.triangles.pop();
+        let opposite = opposite_half_edges(&mesh);
+        let end = |half: u32, step: u32| mesh.corners(half as usize / 3)[((half + step) % 3) as usize];
+        for (half, &other) in (0..).zip(&opposite).filter(|(_, other)| **other != OPEN) {
+            assert_eq!([end(half, 0), end(half, 1)], [end(other, 1), end(other, 0)]);
+        }
+        assert_eq!(opposite.iter().filter(|other| **other == OPEN).count(), 3, "the edges of the hole");
     }
 
     #[test]

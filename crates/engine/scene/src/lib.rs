@@ -45,10 +45,11 @@ pub use light::luminaire::{LightProfile, ProfileError};
 pub use light::sample::{LightSamples, Receivers};
 pub use light::summary::{LightInfo, ObjectInfo, PartInfo};
 pub use material::finish::{Finish, Grain, Process};
+pub use material::height_image::HeightImage;
 pub use material::texture::{ColorEncoding, Filter, Image, ImageId, Texels, Texture, TextureTransform, Wrap};
 pub use material::{
-    AlphaMode, Anisotropy, Clearcoat, DiffuseTransmission, Material, NormalMap, Parameter, Sheen, Specular, Surface,
-    Volume,
+    AlphaMode, Anisotropy, Clearcoat, DiffuseTransmission, HeightField, Material, NormalMap, Parameter, Sheen,
+    Specular, Surface, Volume,
 };
 pub use media::medium::{Medium, MediumEvents, MediumLanes, transmittance};
 pub use media::medium_stack::Interior;

@@ -5,6 +5,7 @@ use crate::build::effects::Effects;
 use crate::camera::shutter::Shutter;
 use crate::camera::{CameraError, RayGenerator, framing_camera};
 use crate::covers::scene_covers::Covers;
+use crate::geometry::rounded_edges::RoundedEdges;
 use crate::geometry::triangle_data::{FLAT, Facet, Facets};
 use crate::light::LightTable;
 use crate::material::Material;
@@ -94,9 +95,12 @@ pub(crate) struct Part {
     pub(crate) solid: u32,
     /// Light of each triangle; empty if nothing emits.
     pub(crate) lights: Vec<u32>,
-    /// The frame of the object in metres to render space, at time 0, for a material with a grain or a finish.
+    /// The frame of the object in metres to render space, at time 0, for rounded edges and materials with a grain or heights.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) frame: Option<Box<Transform>>,
+    /// The fillets of its edges.
+    #[serde(skip)]
+    pub(crate) edges: Option<Arc<RoundedEdges>>,
 }
 
 impl Part {

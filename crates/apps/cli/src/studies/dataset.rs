@@ -6,7 +6,7 @@ use crate::interrupt::cancel_on_interrupt;
 use crate::outcome::{Outcome, print, say, say_object};
 use crate::words::{counted, remaining, seconds};
 use dunkelfeld::{Error, Progress, ProgressState, Stage};
-use dunkelfeld_dataset::{RunOptions, RunProgress, RunState, Study, run as run_study, verify};
+use dunkelfeld_dataset::{Price, RunOptions, RunProgress, RunState, Study, run as run_study, verify};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -34,6 +34,9 @@ pub(crate) fn run(args: &DatasetArgs) -> Result<Outcome, Error> {
     let rate = if summary.seconds > 0.0 { made as f64 / summary.seconds * 3600.0 } else { 0.0 };
     let pace = if made > 0 { format!(", {rate:.0} an hour") } else { String::new() };
     print(&format!("{made} images made{pace}; {finished} of {count} are in {}\n", folder.display()));
+    if let Some(price) = &summary.price {
+        print(&format!("  {price}\n"));
+    }
     if finished == count {
         let page = folder.join("report.html");
         if page.is_file() {
@@ -93,6 +96,18 @@ impl RunProgress for SetProgress<'_> {
                 "event": "images", "finished": state.finished, "count": state.count, "elapsed": state.elapsed,
                 "remaining": state.remaining,
             })),
+            Sink::None => {}
+        }
+    }
+
+    fn price(&self, price: &Price) {
+        match self.sink {
+            Sink::Bar(_) => self.sink.say(&price.to_string()),
+            Sink::Json => {
+                let mut line = json!(price);
+                line["event"] = "price".into();
+                say_object(&line);
+            }
             Sink::None => {}
         }
     }

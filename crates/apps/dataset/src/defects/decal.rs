@@ -9,7 +9,7 @@ use super::walk::{Course, Footing};
 use crate::defects::draw::Harmonics;
 use dunkelfeld_geometry::Vec2;
 use dunkelfeld_sampling::Pcg;
-use dunkelfeld_scene::{AlphaMode, ColorEncoding, Image, ImageId, Material, Texture, Wrap};
+use dunkelfeld_scene::{AlphaMode, ColorEncoding, HeightField, HeightImage, Image, ImageId, Material, Texture, Wrap};
 
 /// Cells along the longer side.
 const CELLS: f64 = 96.0;
@@ -42,6 +42,10 @@ pub(super) fn decal(site: &Site<'_>, decal: &Decal, image: &Image, stream: &mut 
         uvs.extend((0..columns).map(|column| Vec2::new(u, 1.0 - column as f32 / (columns - 1) as f32)));
     }
     let mut made = material::like_surface(site.host, &site.finish, true);
+    let depth = decal.depth.map_or(0.0, |depth| depth.0 as f32);
+    if depth > 0.0 && !made.is_opaque() {
+        return None;
+    }
     made.alpha_mode = AlphaMode::Blend;
     made.alpha = decal.strength.map_or(1.0, |strength| strength.0 as f32).into();
     let set = free_set(&mut made);
@@ -52,19 +56,23 @@ pub(super) fn decal(site: &Site<'_>, decal: &Decal, image: &Image, stream: &mut 
         let id = ImageId(site.scene.images.len() as u32);
         Some(Texture { wrap: [Wrap::Clamp; 2], uv_set: set as u8, channel, ..Texture::new(id, encoding) })
     };
-    // What the picture does not cover shows the surface.
-    made.alpha.texture = texture(ColorEncoding::Linear, if decal.mode == DecalMode::Mask { 0 } else { 3 });
+    // What the alpha of the picture does not cover shows the surface.
+    let alpha = texture(ColorEncoding::Linear, 3);
     match decal.mode {
-        DecalMode::Mask => {}
+        DecalMode::Mask => made.alpha.texture = texture(ColorEncoding::Linear, 0),
         DecalMode::Color => {
             mesh.colors.clear();
             (made.base_color, made.metallic) = (dunkelfeld_radiometry::Rgb::WHITE.into(), 0.0.into());
             material::override_with(&mut made, &site.finish);
-            made.base_color.texture = texture(ColorEncoding::Srgb, 0);
+            (made.base_color.texture, made.alpha.texture) = (texture(ColorEncoding::Srgb, 0), alpha);
         }
         DecalMode::Roughness => {
             made.roughness = decal.roughness.map_or(1.0, |roughness| roughness.0 as f32).into();
-            made.roughness.texture = texture(ColorEncoding::Linear, 0);
+            (made.roughness.texture, made.alpha.texture) = (texture(ColorEncoding::Linear, 0), alpha);
+        }
+        DecalMode::Height => {
+            let heights = HeightImage { texture: texture(ColorEncoding::Linear, 0), depth, size: None };
+            (made.height, made.alpha_mode) = (Some(HeightField::Image(heights)), AlphaMode::Opaque);
         }
     }
     Some(Made { is_in_body: true, image: Some(image.clone()), ..Made::new(mesh, Some(angle), made) })

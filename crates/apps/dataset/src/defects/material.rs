@@ -29,7 +29,7 @@ pub(super) fn is_clear(m: &Material) -> bool {
 
 /// True if nothing of a surface depends on the frame of its body, so that a patch above it looks the same.
 pub(super) fn is_plain(m: &Material) -> bool {
-    m.finish.is_none() && m.anisotropy.grain.is_none()
+    m.height.is_none() && m.anisotropy.grain.is_none()
 }
 
 /// The volume of a solid that light can enter.
@@ -64,12 +64,12 @@ pub(super) fn like_surface(host: &Material, finish: &Finish<'_>, has_uvs: bool) 
     m
 }
 
-/// Walls that a tool or a break has left in an opaque surface: as [`like_surface`], without normal map, finish and coat, with the
+/// Walls that a tool or a break has left in an opaque surface: as [`like_surface`], without normal map, heights and coat, with the
 /// roughness of a cut.
 pub(super) fn cut(host: &Material, finish: &Finish<'_>, has_uvs: bool) -> Material {
     let mut m = like_surface(host, finish, has_uvs);
     (m.normal_map.texture, m.anisotropy.strength, m.clearcoat.strength.factor) = (None, 0.0.into(), 0.0);
-    m.finish = None;
+    m.height = None;
     m.roughness = finish.roughness.unwrap_or(SCRATCH_ROUGHNESS).into();
     m
 }

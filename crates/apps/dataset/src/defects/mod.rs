@@ -10,7 +10,7 @@
 //! | pore | diameter | not used | in its middle | opaque body: a pit in its mesh |
 //! | chip | along the edge | not used | below the edge | opaque body: a part of its edge is gone |
 //! | chatter | diameter | not used | from crest to valley | opaque body: waves in its mesh |
-//! | cold shut | along the curve | across | of the groove | opaque body: a groove in its mesh |
+//! | cold_shut | along the curve | across | of the groove | opaque body: a groove in its mesh |
 //! | stain | largest extent, to 20 % | not used | not used | a patch with partial coverage |
 //! | decal | of a row of the picture | not used | not used | a patch with the picture as texture |
 //! | dust | largest extent | not used | not used | an irregular particle on the surface |

@@ -81,6 +81,8 @@ pub(crate) enum DecalMode {
     Color,
     /// The roughness, linear, from the first channel.
     Roughness,
+    /// The height, linear, from the first channel.
+    Height,
 }
 
 /// Declares the kinds of defects, each with its own keys.
@@ -147,7 +149,7 @@ kinds! {
         roughness: Option<Share>, color: Option<Color>, metallic: Option<Share>, facing: Option<Direction>
     }
     /// A seam between two fronts of metal that met too cold to join: a narrow groove between rounded lips.
-    ColdShut "cold shut" {
+    ColdShut "cold_shut" {
         length: Size, width: Size, depth: Size, angle: Option<Angle>, curvature: Option<Angle>,
         roughness: Option<Share>, color: Option<Color>, metallic: Option<Share>, facing: Option<Direction>
     }
@@ -156,9 +158,9 @@ kinds! {
         length: Size, strength: Option<Share>,
         roughness: Option<Share>, color: Option<Color>, metallic: Option<Share>, facing: Option<Direction>
     }
-    /// A picture on the surface. `length` is that of its rows, and `strength` its opacity, by default 1.
+    /// A picture on the surface. `length` is that of its rows, `depth` the height of white, and `strength` its opacity, by default 1.
     Decal "decal" {
-        image: String, mode: DecalMode, length: Size, strength: Option<Share>, angle: Option<Angle>,
+        image: String, mode: DecalMode, length: Size, depth: Option<Size>, strength: Option<Share>, angle: Option<Angle>,
         roughness: Option<Share>, color: Option<Color>, metallic: Option<Share>, facing: Option<Direction>
     }
     /// An irregular particle on the surface.
@@ -272,6 +274,12 @@ impl Defect {
                     .or_else(|| too_deep(depth.0 > 0.2 * pitch.0, "the marks are too deep for their pitch", help))
             }
             Self::Fibre(Fibre { length, width, .. }) => too_wide(length, width),
+            Self::Decal(Decal { mode, depth, strength, .. }) => {
+                let is_height = *mode == DecalMode::Height;
+                let help = "heights have a `depth` and no `strength`, other decals no `depth`";
+                let is_wrong = is_height != depth.is_some() || is_height && strength.is_some();
+                is_wrong.then(|| Fault::new("the keys do not fit the mode of the decal", help).below("mode"))
+            }
             _ => None,
         };
         fault.map_or(Ok(()), Err)

@@ -11,7 +11,7 @@ use std::sync::Arc;
 use toml::Table;
 
 const SURFACE: [&str; 5] = ["scratch", "dent", "stain", "dust", "fibre"];
-const CUT: [&str; 4] = ["pore", "chip", "chatter", "cold shut"];
+const CUT: [&str; 4] = ["pore", "chip", "chatter", "cold_shut"];
 const INSIDE: [&str; 2] = ["bubble", "inclusion"];
 const CHANGE: [&str; 3] = ["missing", "faded", "shifted"];
 
@@ -27,7 +27,7 @@ fn table(kind: &str, values: &str) -> Table {
         "stain" => "length = 0.05\nstrength = 0.5",
         "pore" | "chip" => "length = 0.05\ndepth = 0.01",
         "chatter" => "length = 0.05\npitch = 0.005\ndepth = 0.0005",
-        "cold shut" => "length = 0.05\nwidth = 0.004\ndepth = 0.001\ncurvature = '0.3rad'",
+        "cold_shut" => "length = 0.05\nwidth = 0.004\ndepth = 0.001\ncurvature = '0.3rad'",
         "fibre" => "length = 0.05\nwidth = 0.002\ncurvature = '0.3rad'",
         "missing" => "",
         "faded" => "strength = 0.5",
@@ -278,7 +278,7 @@ fn cut_defects_have_their_depth_and_may_cross_edges() {
     for (kind, values, extent) in [
         ("pore", "length = 0.05\ndepth = 0.01", 0.5..1.0),
         ("chatter", "length = 0.1\ndepth = 0.001\npitch = 0.01", 0.9..1.05),
-        ("cold shut", "length = 0.2\ndepth = 0.004\nwidth = 0.02", 0.7..1.05),
+        ("cold_shut", "length = 0.2\ndepth = 0.004\nwidth = 0.02", 0.7..1.05),
         ("scratch", "length = 0.2\ndepth = 0.002\nwidth = 0.01\nburr = 0.3\ncurvature = '0.3rad'", 0.9..1.05),
     ] {
         let mut over_edges = 0;
@@ -288,7 +288,7 @@ fn cut_defects_have_their_depth_and_may_cross_edges() {
             let (volume, values) = (loss(&block(), &b), table(kind, values));
             let [length, depth] = ["length", "depth"].map(|key| values[key].as_float().unwrap());
             if margin(done.at) > 0.5 * length + 0.02 {
-                assert!(volume > 0.0 || kind == "cold shut", "{kind} {seed}: {volume}");
+                assert!(volume > 0.0 || kind == "cold_shut", "{kind} {seed}: {volume}");
                 let lowest = placed(&b).0.iter().map(|p| (*p - done.at).dot(done.normal)).fold(0.0, f64::min);
                 assert!((lowest / -depth - 1.0).abs() < 0.06, "{kind} {seed}: {lowest}");
                 assert!(extent.contains(&(done.extent / length)), "{kind} {seed}: {}", done.extent);
@@ -308,12 +308,15 @@ fn cut_defects_have_their_depth_and_may_cross_edges() {
 #[test]
 fn a_decal_has_its_size_around_a_cylinder() {
     let outline = [[0.0, -1.5], [0.5, -1.5], [0.5, 1.5], [0.0, 1.5]].map(Vec2::from);
-    let text = "image = 'x'\nmode = 'mask'\nlength = 0.9\nangle = ";
-    for (angle, seed) in [("'0deg'", 1), ("'90deg'", 2), ("'35deg'", 3)] {
+    for (mode, angle, seed) in
+        [("mask", "0deg", 1), ("color", "90deg", 2), ("roughness", "35deg", 3), ("height", "80deg", 4)]
+    {
         let mut b = SceneBuilder::default();
         b.add_material(Material::default());
         b.add_object("rod", shapes::turned(&outline, 256), 0);
-        let keys: Table = format!("{text}{angle}").parse().unwrap();
+        let depth = if mode == "height" { "depth = 1e-4" } else { "" };
+        let keys: Table =
+            format!("image = 'x'\nmode = '{mode}'\nlength = 0.9\nangle = '{angle}'\n{depth}").parse().unwrap();
         let texels = Arc::new(Texels::Gray8(vec![[255]; 4 * 2]));
         let image = Some(Image { name: "x".into(), width: 4, height: 2, texels });
         let spec =
@@ -333,8 +336,12 @@ fn a_decal_has_its_size_around_a_cylinder() {
         assert!((way / 0.9 - 1.0).abs() < 0.02, "{angle}: {way}");
         assert!(points.iter().all(|p| (p.x.hypot(p.y) - 0.5).abs() < 2e-3), "{angle}");
         let material = &b.materials[b.meshes.last().unwrap().material];
-        assert_eq!(material.alpha.texture.unwrap().image.0 as usize, b.images.len() - 1);
+        assert!(material.clone().texture_slots().any(|slot| slot.is_some_and(|t| t.image.0 == 0)), "{mode}");
+        b.add_camera("camera", DVec3::new(0.0, 0.0, 8.0), DVec3::ZERO, 0.8);
+        b.build().unwrap();
         assert_eq!(done.on, "rod");
+        let wrong: Table = "image = 'x'\nmode = 'height'\nlength = 0.9".parse().unwrap();
+        assert!(Defect::read("decal", &wrong).unwrap().check().is_err());
     }
 }
 

@@ -67,13 +67,15 @@ pub(crate) fn cost_section(set: &SetView<'_>) -> Markup {
                 td.n { (rounded(s.mean)) } td.n { (rounded(s.median)) } td.n { (rounded(s.high)) } td.n { (s.n) } }
         }
     };
+    let noise = set.measured.price(set.set.count(), 1, 1).and_then(|price| price.noise());
     let headings = [("stage", ""), ("mean", "s"), ("median", "s"), ("95 %", "s"), ("images", "")];
     html! {
         @if let Some(seconds) = image_seconds(set) {
             section {
             h2 { "Cost" }
             p { "An image needs " (duration(seconds)) " on average. One process renders "
-                (rounded(3600.0 / seconds)) " images per hour." }
+                (rounded(3600.0 / seconds)) " images per hour."
+                @if let Some(noise) = &noise { " On average " (noise) "." } }
             figure.wide {
                 (bars::draw("times", "Mean time of an image by stage", "time [s]", &stages.map(|(words, _)| words), &[bar]))
             }

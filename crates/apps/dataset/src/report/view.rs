@@ -2,6 +2,7 @@
 //! shown, so that the memory does not grow with names and files.
 
 use super::draws::Draws;
+use crate::price::Measured;
 use crate::record::{Cost, InstanceRecord, Record};
 use crate::set::{Set, cost_name};
 use dunkelfeld::Error;
@@ -47,6 +48,8 @@ pub(crate) struct SetView<'a> {
     pub(crate) bytes: u64,
     /// Times of the images that have them.
     pub(crate) costs: Vec<Cost>,
+    /// Costs and noise of these images.
+    pub(crate) measured: Measured,
 }
 
 impl<'a> SetView<'a> {
@@ -65,10 +68,15 @@ impl<'a> SetView<'a> {
             saturated: Vec::new(),
             bytes: 0,
             costs: Vec::new(),
+            measured: Measured::default(),
         };
         for index in view.finished.clone() {
-            view.add(&set.record(index)?);
-            view.costs.extend(set.parsed::<Cost>(&cost_name(index)));
+            let record = set.record(index)?;
+            view.add(&record);
+            if let Ok(cost) = set.parsed::<Cost>(&cost_name(index)) {
+                view.costs.push(cost);
+                view.measured.add(&cost, &record);
+            }
         }
         Ok(view)
     }

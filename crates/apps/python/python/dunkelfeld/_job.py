@@ -163,6 +163,7 @@ class MaterialKeys(_Named, total=False):
     anisotropy_rotation: Angle
     grain: Triple | Mapping[str, Any]
     finish: str | Mapping[str, Any]
+    height: Mapping[str, Any]
 
 
 class ObjectKeys(_Named, total=False):
@@ -179,6 +180,7 @@ class ObjectKeys(_Named, total=False):
     matrix: Sequence[float] | Matrix
     pivot: Place
     material: str
+    edge_radius: Quantity
     instances: Sequence[Mapping[str, Any]]
     grid: Mapping[str, Any]
     velocity: Triple

@@ -80,6 +80,8 @@ class SetSummary(TypedDict):
     """Wall-clock time [s]."""
     failed: list[tuple[int, str]]
     """Index and message of each image whose draws do not fit."""
+    price: dict[str, Any] | None
+    """The price of the whole set: `measured` and `count` (images), `images_per_hour`, `levels`. None if no image was made."""
 
 
 class Verified(TypedDict):

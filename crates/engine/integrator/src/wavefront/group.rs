@@ -101,7 +101,7 @@ impl<'a> Wavefront<'a> {
             let (in_medium, is_arrived) = (key & MEDIUM != 0, key & ARRIVED != 0);
             let material = (key & !(MEDIUM | ARRIVED)) / 2;
             let (mut arrived, mut paths) = (Arrived::default(), [0; MAX_WIDTH]);
-            let points = if is_arrived {
+            let mut points = if is_arrived {
                 SurfacePoints::from_lanes(token, &arrived.points(arrivals, &mut rays))
             } else {
                 scene.surface_points(token, &self.hits.lanes::<F>(token, &rays), self.rays.times(token, &rays))
@@ -111,6 +111,9 @@ impl<'a> Wavefront<'a> {
             }
             let from = self.rays.directions::<F>(token, &rays);
             let wo = -from;
+            if !in_medium {
+                scene.round_edges(material, &mut points, wo);
+            }
             let medium = if in_medium { self.ray_state(rays[0] as usize).medium(scene) } else { None };
             let bsdfs = match in_medium {
                 true => Bsdfs::Same(storage[0].insert(medium.map_or(Bsdf::Absorber, |m| Bsdf::Phase(m.phase)))),

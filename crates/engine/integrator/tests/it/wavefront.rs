@@ -11,8 +11,9 @@ use dunkelfeld_sampling::mix64;
 use dunkelfeld_scene::shapes::{cuboid, rectangle, sphere};
 use dunkelfeld_scene::{
     AlphaMode, Anisotropy, Clearcoat, ColorEncoding, DiffuseTransmission, EmissionProfile, Environment,
-    EnvironmentSource, Finish, Grain, Image, ImageId, LampShape, Leds, LightProfile, Material, NormalMap, Parameter,
-    Process, PunctualKind, PunctualLight, Scene, SceneBuilder, Sheen, Shutter, Surface, Texels, Texture, Volume,
+    EnvironmentSource, Finish, Grain, HeightField, Image, ImageId, LampShape, Leds, LightProfile, Material, NormalMap,
+    Parameter, Process, PunctualKind, PunctualLight, Scene, SceneBuilder, Sheen, Shutter, Surface, Texels, Texture,
+    Volume,
 };
 
 const SIZE: u32 = 24;
@@ -271,7 +272,7 @@ fn textured_and_moving_surfaces() {
     b.images.push(Image { name: "noise".into(), width: 8, height: 8, texels: Texels::Rgba16(texels).into() });
     let texture = Texture::new(ImageId(0), ColorEncoding::Linear);
     let by_channel = Some(Texture { channel: 1, ..texture });
-    let finish = |process| Finish { process, mean_deviation: 2e-4, seed: 1 };
+    let finish = |process| HeightField::Finish(Finish { process, mean_deviation: 2e-4, seed: 1 });
     let turned = Process::Turned { feed: 0.01, axis: Vec3::Z, origin: Vec3::ZERO };
     let anisotropy = Anisotropy { strength: 0.5.into(), ..Anisotropy::default() };
     let ringed = Anisotropy { grain: Some(Grain::Around { axis: Vec3::Y, origin: Vec3::X }), ..anisotropy };
@@ -286,8 +287,8 @@ fn textured_and_moving_surfaces() {
             ..Material::default()
         },
         Material { transmission: Parameter { factor: 0.6, texture: by_channel }, ..Material::default() },
-        Material { finish: Some(finish(Process::Grained { size: 0.01 })), ..Material::default() },
-        Material { finish: Some(finish(turned)), anisotropy, metallic: 1.0.into(), ..Material::default() },
+        Material { height: Some(finish(Process::Grained { size: 0.01 })), ..Material::default() },
+        Material { height: Some(finish(turned)), anisotropy, metallic: 1.0.into(), ..Material::default() },
         Material { anisotropy: ringed, ..Material::default() },
     ];
     for (k, material) in balls.into_iter().enumerate() {

@@ -19,6 +19,7 @@ impl SceneBuilder {
     /// |---|---|
     /// | textures | their means |
     /// | vertex colours, normal maps, interpolated normals | white, flat, flat |
+    /// | finishes, rounded edges | a smooth surface, sharp edges |
     /// | coverage | the surface covers fully |
     /// | thin sheets, refraction | light passes straight, without reflection; tint and absorption stay |
     /// | absorption, scattering | the other one of the two stays |
@@ -38,6 +39,7 @@ impl SceneBuilder {
             Effect::Nesting | Effect::ManyLights | Effect::Color => return false,
             Effect::VertexColors => self.meshes.iter_mut().for_each(|m| Arc::make_mut(&mut m.mesh).colors.clear()),
             Effect::SmoothNormals => self.meshes.iter_mut().for_each(|m| Arc::make_mut(&mut m.mesh).normals.clear()),
+            Effect::RoundedEdges => self.meshes.iter_mut().for_each(|m| m.edge_radius = 0.0),
             Effect::EnergyCompensation => self.energy_compensation = false,
             Effect::FiniteAperture => self.cameras.iter_mut().for_each(|c| c.lens.aperture = None),
             Effect::Distortion => self.cameras.iter_mut().for_each(|c| c.lens.distortion = Default::default()),
@@ -97,7 +99,7 @@ fn simplify(m: &mut Material, effect: Effect) {
             volume(m, &|medium, v| Volume { absorption: medium.absorption, scattering: Rgb::BLACK, ..stated(v) })
         }
         Effect::Anisotropy => m.anisotropy.strength = 0.0.into(),
-        Effect::Finish => m.finish = None,
+        Effect::Finish => m.height = None,
         Effect::Sheen => m.sheen.color.factor = Rgb::BLACK,
         Effect::Clearcoat => m.clearcoat.strength.factor = 0.0,
         Effect::ThinSheets if m.surface == Surface::Thin && m.transmission.factor > 0.0 => remove_refraction(m),
@@ -134,6 +136,7 @@ fn flatten(m: &mut Material, images: &[Image]) {
 mod tests {
     use super::*;
     use crate::build::effects::Effects;
+    use crate::material::HeightField;
     use crate::material::finish::{Finish, Process};
     use crate::material::texture::{ColorEncoding, ImageId, Texture};
     use crate::material::{Anisotropy, Clearcoat, DiffuseTransmission, NormalMap, Sheen};
@@ -160,7 +163,11 @@ mod tests {
             emission_profile: EmissionProfile::CosinePower { exponent: 3.0 },
             diffuse_transmission: DiffuseTransmission { share: 0.2.into(), ..DiffuseTransmission::default() },
             anisotropy: Anisotropy { strength: 0.5.into(), ..Anisotropy::default() },
-            finish: Some(Finish { process: Process::Grained { size: 1e-3 }, mean_deviation: 1e-6, seed: 0 }),
+            height: Some(HeightField::Finish(Finish {
+                process: Process::Grained { size: 1e-3 },
+                mean_deviation: 1e-6,
+                seed: 0,
+            })),
             sheen: Sheen { color: Rgb::splat(0.1).into(), ..Sheen::default() },
             clearcoat: Clearcoat { strength: 1.0.into(), ..Clearcoat::default() },
             ..Material::default()
@@ -193,6 +200,7 @@ mod tests {
         camera.lens.distortion = crate::Distortion { radial: [0.1, 0.0, 0.0, 0.0, 0.0, 0.0], ..Default::default() };
         camera.lens.spread = Some(0.5);
         scene.cameras.push(camera);
+        scene.meshes[0].edge_radius = 1e-3;
         scene.instances[0].motion = RigidMotion::linear(dunkelfeld_geometry::DVec3::X);
         scene.shutter = Some(Shutter::Lines(crate::LineScan {
             period: 1e-3,

@@ -61,6 +61,9 @@ pub struct MeshPart {
     /// True if all emitting triangles of the mesh are one light, whose points are sampled uniformly over the area. By
     /// default each triangle, or each rectangle of two, is a light of its own.
     pub is_single_light: bool,
+    /// Radius \[m\] of the fillets of its sharp convex edges in the world; 0 leaves them sharp. Light must not pass or leave the
+    /// surface: else they stay sharp.
+    pub edge_radius: f32,
     /// True if neither its file nor its user states the unit of length: a size below 2 mm is then reported.
     pub is_unit_assumed: bool,
 }

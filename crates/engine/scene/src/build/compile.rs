@@ -51,6 +51,7 @@ impl SceneBuilder {
         let mut builds = Builds::begin(cache, Threads::new(self.threads));
         check_indices(&self)?;
         check_values(&self)?;
+        self.leave_clear_edges_sharp();
         let mut effects = Effects::from_scene(&self);
         let mut report = BuildReport::default();
         repair_texels(&mut self.images, &mut report);
@@ -70,8 +71,10 @@ impl SceneBuilder {
         let radius = radius as f32;
         let to_render = DAffine3::from_translation(-world_origin);
         let mut geometry = {
-            let of_object =
-                |m: usize| self.materials[m].anisotropy.grain.is_some() || self.materials[m].finish.is_some();
+            let of_object = |part: &MeshPart| {
+                let material = &self.materials[part.material];
+                part.edge_radius > 0.0 || material.anisotropy.grain.is_some() || material.height.is_some()
+            };
             PlacedScene::new(&placed, &self.meshes, (&baking, times, &of_object), world_origin, &mut builds)?
         };
         drop(std::mem::take(&mut self.meshes));
@@ -173,13 +176,29 @@ impl SceneBuilder {
 
     /// The materials in the form that paths use.
     fn compiled_materials(&self, geometry: &PlacedScene) -> Vec<CompiledMaterial> {
-        let mut is_painted = vec![false; self.materials.len()];
+        let [mut is_painted, mut is_rounded] = [0; 2].map(|_| vec![false; self.materials.len()]);
         for part in &geometry.parts {
             is_painted[part.material as usize] |= !geometry.meshes[part.mesh as usize].colors.is_empty();
+            is_rounded[part.material as usize] |= part.edges.is_some();
         }
         let options = SurfaceOptions { energy_compensation: self.energy_compensation, principled: self.principled };
-        let materials = self.materials.iter().zip(is_painted);
-        materials.map(|(m, is_painted)| CompiledMaterial::new(m, is_painted, options)).collect()
+        let materials = self.materials.iter().zip(is_painted).zip(is_rounded);
+        let compile = |((m, is_painted), has_rounded_edges): ((&Material, bool), bool)| {
+            let mut compiled = CompiledMaterial::new(m, is_painted, options, &self.images);
+            compiled.has_rounded_edges = has_rounded_edges;
+            compiled
+        };
+        materials.map(compile).collect()
+    }
+
+    /// The place of a path on a fillet is that of its shading only, so light must neither pass nor leave it.
+    fn leave_clear_edges_sharp(&mut self) {
+        for part in &mut self.meshes {
+            let material = &self.materials[part.material];
+            if !material.is_opaque() || material.emits() {
+                part.edge_radius = 0.0;
+            }
+        }
     }
 
     fn too_dense(&self, part: &Part, problem: String) -> BuildError {

@@ -38,8 +38,10 @@ pub enum Effect {
     Scattering,
     /// Highlights stretched along a direction.
     Anisotropy,
-    /// Height fields of machined surfaces.
+    /// Height fields: of machined surfaces, and of images.
     Finish,
+    /// Sharp edges that are seen as fillets.
+    RoundedEdges,
     /// The sheen of cloth.
     Sheen,
     /// Clear coats.
@@ -80,7 +82,7 @@ pub enum Effect {
 
 impl Effect {
     /// All effects, in the order in which they are listed.
-    pub const ALL: [Self; 31] = [
+    pub const ALL: [Self; 32] = [
         Self::Textures,
         Self::VertexColors,
         Self::NormalMaps,
@@ -95,6 +97,7 @@ impl Effect {
         Self::Scattering,
         Self::Anisotropy,
         Self::Finish,
+        Self::RoundedEdges,
         Self::Sheen,
         Self::Clearcoat,
         Self::EnergyCompensation,
@@ -131,6 +134,7 @@ impl Effect {
             Self::Scattering => "scattering",
             Self::Anisotropy => "anisotropy",
             Self::Finish => "finish",
+            Self::RoundedEdges => "rounded-edges",
             Self::Sheen => "sheen",
             Self::Clearcoat => "clearcoat",
             Self::EnergyCompensation => "energy-compensation",
@@ -239,6 +243,9 @@ impl Effects {
         if !part.mesh.normals.is_empty() {
             self.add(Effect::SmoothNormals, place());
         }
+        if part.edge_radius > 0.0 {
+            self.add(Effect::RoundedEdges, place());
+        }
     }
 
     fn add_from_material(&mut self, m: &Material) {
@@ -248,7 +255,8 @@ impl Effects {
             _ => None,
         };
         let has_normal_map = m.normal_map.texture.is_some();
-        let is_textured = m.textures().count() > usize::from(has_normal_map);
+        let others = [m.normal_map.texture, m.height_texture()];
+        let is_textured = m.textures().count() > others.iter().flatten().count();
         // An interface between equal indices of refraction neither bends light nor reflects it.
         let bends = transmits && m.ior != 1.0;
         let colors = [m.base_color, m.emission, m.specular.color, m.sheen.color];
@@ -266,7 +274,7 @@ impl Effects {
             (Effect::Absorption, medium.as_ref().is_some_and(|v| !v.absorption.is_black())),
             (Effect::Scattering, medium.as_ref().is_some_and(Medium::scatters)),
             (Effect::Anisotropy, m.anisotropy.strength.factor != 0.0),
-            (Effect::Finish, m.finish.is_some()),
+            (Effect::Finish, m.height.is_some()),
             (Effect::Sheen, !m.sheen.color.factor.is_black()),
             (Effect::Clearcoat, m.clearcoat.strength.factor > 0.0),
             (

@@ -1,7 +1,7 @@
 //! Fingerprint of a scene for checkpoints, which must not be continued with another scene.
 
 use crate::material::texture::{Channel, Image, rgba, with_texels};
-use crate::scene::Scene;
+use crate::scene::{Part, Scene};
 use dunkelfeld_geometry::Mesh;
 use serde::Serialize;
 use std::io::Write;
@@ -59,6 +59,8 @@ impl Scene {
         if let Some(shutter) = shutter {
             hash.value(shutter);
         }
+        let radius = |(number, part): (usize, &Part)| Some((number, part.edges.as_ref()?.radius()));
+        parts.iter().enumerate().filter_map(radius).for_each(|radius| hash.value(&radius));
         meshes.iter().for_each(|mesh| hash.mesh(mesh));
         images.iter().for_each(|image| hash.image(image));
         hash.finish()

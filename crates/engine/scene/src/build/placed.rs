@@ -4,6 +4,8 @@ use crate::build::bake::{PlacedObject, bake};
 use crate::build::builder::{Instance, MeshPart};
 use crate::build::cache::{Builds, PlacedMesh, tree_of};
 use crate::build::error::BuildError;
+use crate::build::validate::mesh_place;
+use crate::geometry::rounded_edges::RoundedEdges;
 use crate::geometry::triangle_data::Facets;
 use crate::material::{Material, Surface};
 use crate::media::medium::Medium;
@@ -13,6 +15,7 @@ use crate::query::surface::CompiledMaterial;
 use crate::scene::{Part, Placement};
 use dunkelfeld_bvh::{Bvh, BvhInstance, InstanceMotion, MeshTree};
 use dunkelfeld_geometry::{Aabb, DAffine3, DMat3, DVec3, Mesh, Threads, Transform, Vec3};
+use std::collections::HashMap;
 use std::sync::Arc;
 
 /// Meshes used more than once are also moved to render space if their copies have at most this many triangles together.
@@ -90,7 +93,7 @@ impl PlacedScene {
     pub(crate) fn new(
         placed: &[PlacedObject],
         meshes: &[MeshPart],
-        (baking, times, has_frame): (&Baking, Option<[f64; 2]>, &dyn Fn(usize) -> bool),
+        (baking, times, has_frame): (&Baking, Option<[f64; 2]>, &dyn Fn(&MeshPart) -> bool),
         world_origin: DVec3,
         builds: &mut Builds<'_>,
     ) -> Result<Self, BuildError> {
@@ -103,8 +106,9 @@ impl PlacedScene {
             // Lengths are those of the world along each axis of the object.
             let axes = [matrix3.x_axis, matrix3.y_axis, matrix3.z_axis].map(|axis| axis.normalize_or_zero());
             let in_metres = DAffine3 { matrix3: DMat3::from_cols(axes[0], axes[1], axes[2]), translation };
-            Transform::new(in_metres).ok().filter(|_| has_frame(meshes[m].material)).map(Box::new)
+            Transform::new(in_metres).ok().filter(|_| has_frame(&meshes[m])).map(Box::new)
         };
+        let mut edges = Edges::default();
         // Parts of the shared tree come first, so that their triangles are numbered without gaps.
         let threads = builds.threads();
         let shared: Vec<_> = all().filter(|(_, i, m, _)| baking.is_shared && baking.bakes(i, *m)).collect();
@@ -118,7 +122,14 @@ impl PlacedScene {
             scene.shared.push((meshes[m].mesh.clone(), to_render));
             scene.meshes.push(mesh);
             let mesh = part;
-            let part = Part { mesh, object, first_facet, frame: frame(m, t), ..Part::of(&meshes[m]) };
+            let part = Part {
+                mesh,
+                object,
+                first_facet,
+                frame: frame(m, t),
+                edges: edges.of((m, &meshes[m]), t)?,
+                ..Part::of(&meshes[m])
+            };
             scene.push(part, (m, &meshes[m]), None);
         }
         if !scene.facets.is_empty() {
@@ -130,7 +141,14 @@ impl PlacedScene {
         for ((object, _, m, t), PlacedMesh { mesh, own }) in own_trees.into_iter().zip(builds.placed(&keys)?) {
             scene.meshes.push(mesh);
             let mesh = scene.meshes.len() as u32 - 1;
-            let part = Part { mesh, object, facets: Some(own.facets), frame: frame(m, t), ..Part::of(&meshes[m]) };
+            let part = Part {
+                mesh,
+                object,
+                facets: Some(own.facets),
+                frame: frame(m, t),
+                edges: edges.of((m, &meshes[m]), t)?,
+                ..Part::of(&meshes[m])
+            };
             scene.push(part, (m, &meshes[m]), Some(own.tree));
         }
         scene.join();
@@ -138,7 +156,7 @@ impl PlacedScene {
         let moved = |t: &Transform| Transform::new(in_render(t)).ok();
         let instanced: Vec<_> = all()
             .filter(|(_, i, m, _)| !baking.bakes(i, *m))
-            .filter_map(|(object, instance, m, t)| Some((object, instance, m, moved(t)?, frame(m, t))))
+            .filter_map(|(object, instance, m, t)| Some((object, instance, m, moved(t)?, t)))
             .collect();
         let mut numbers: Vec<Option<usize>> = vec![None; meshes.len()];
         let mut stored: Vec<&Arc<Mesh>> = Vec::new();
@@ -150,7 +168,7 @@ impl PlacedScene {
         }
         let (trees, first) = (builds.instanced(&stored)?, scene.meshes.len());
         scene.meshes.extend(stored.into_iter().cloned());
-        for (object, instance, m, transform, frame) in instanced {
+        for (object, instance, m, transform, t) in instanced {
             let Some((number, own)) = numbers[m].and_then(|i| Some((i, trees.get(i)?.clone()))) else { continue };
             let mesh = (first + number) as u32;
             scene.placements.push(Placement::Part(scene.parts.len() as u32));
@@ -162,7 +180,8 @@ impl PlacedScene {
                 transform: Some(Box::new(transform)),
                 motion,
                 facets: Some(own.facets),
-                frame,
+                frame: frame(m, t),
+                edges: edges.of((m, &meshes[m]), t)?,
                 ..Part::of(&meshes[m])
             };
             scene.push(part, (m, &meshes[m]), Some(own.tree));
@@ -327,6 +346,36 @@ impl PlacedScene {
     }
 }
 
+/// The rounded edges of meshes by their scales, which copies share.
+#[derive(Default)]
+struct Edges(HashMap<(usize, [u32; 3]), Arc<RoundedEdges>>);
+
+impl Edges {
+    fn of(
+        &mut self,
+        (index, mesh): (usize, &MeshPart),
+        place: &Transform,
+    ) -> Result<Option<Arc<RoundedEdges>>, BuildError> {
+        if mesh.edge_radius == 0.0 {
+            return Ok(None);
+        }
+        let DMat3 { x_axis, y_axis, z_axis } = place.to_world().matrix3;
+        let scale = Vec3::new(x_axis.length() as f32, y_axis.length() as f32, z_axis.length() as f32);
+        let key = (index, scale.to_array().map(f32::to_bits));
+        if let Some(known) = self.0.get(&key) {
+            return Ok(Some(known.clone()));
+        }
+        let edges = RoundedEdges::new(&mesh.mesh, scale, mesh.edge_radius).ok_or_else(|| BuildError::BadValue {
+            place: mesh_place(index, &mesh.name),
+            problem: format!(
+                "its edge radius of {} m reaches over many triangles and edges; write a smaller one",
+                mesh.edge_radius
+            ),
+        })?;
+        Ok(Some(self.0.entry(key).or_insert(Arc::new(edges)).clone()))
+    }
+}
+
 impl Part {
     /// A part at rest in render space, without triangles yet.
     fn of(mesh: &MeshPart) -> Self {
@@ -341,6 +390,7 @@ impl Part {
             solid: NO_SOLID,
             lights: Vec::new(),
             frame: None,
+            edges: None,
         }
     }
 }

@@ -71,6 +71,10 @@ pub(crate) fn check_values(builder: &SceneBuilder) -> Result<(), BuildError> {
             require(fits, place, "its angular diameter must lie between 0 and 180 degrees")?;
         }
     }
+    for (i, part) in builder.meshes.iter().enumerate() {
+        let is_radius = part.edge_radius >= 0.0 && part.edge_radius.is_finite();
+        require(is_radius, || mesh_place(i, &part.name), "its edge radius must be finite and not negative")?;
+    }
     check_motion(builder)?;
     for camera in &builder.cameras {
         check_camera(camera).map_err(|problem| BuildError::BadValue {
@@ -130,9 +134,9 @@ fn check_material(m: &Material) -> Result<(), BuildError> {
     require(!m.unlit || is_radiance(m.base_color.factor), place, "an unlit colour must not be negative")?;
     require(m.ior.is_finite() && m.ior > 0.0, place, "the index of refraction must be finite and above 0")?;
     require(m.emission_profile.is_valid(), place, "the emission profile must have angles in its range")?;
-    if let Some(finish) = &m.finish {
-        require(finish.is_valid(), place, "the lengths of a finish must be above 0, and its directions not zero")?;
-        require(m.is_opaque(), place, "a finish needs a surface that no light passes")?;
+    if let Some(height) = &m.height {
+        require(height.is_valid(), place, "the lengths of its heights must be above 0, and directions not zero")?;
+        require(m.is_opaque(), place, "heights need a surface that no light passes")?;
     }
     let is_grain = m.anisotropy.grain.is_none_or(|grain| grain.is_valid());
     require(is_grain, place, "the direction of a grain must not be zero")?;

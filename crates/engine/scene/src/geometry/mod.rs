@@ -1,6 +1,7 @@
 //! Geometry of the triangles that rays hit.
 
 pub(crate) mod normal_differential;
+pub(crate) mod rounded_edges;
 pub(crate) mod triangle_data;
 
 use dunkelfeld_geometry::DVec3;

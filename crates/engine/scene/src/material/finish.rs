@@ -4,6 +4,9 @@
 //! turns slopes below the size of a pixel into roughness (Dupuy et al. 2013, LEADR mapping) is not used: it widens the tail of GGX
 //! with its core. In a dark field, which sees the tail alone, metal of roughness 0.15 would be seven times too bright.
 
+use crate::material::HeightField;
+use crate::material::height_image::ImageRelief;
+use crate::material::texture::Image;
 use dunkelfeld_geometry::{Mat3, Vec3};
 use dunkelfeld_lanes::{Frame, Lanes, MAX_WIDTH, Mask, V3, cos_sin_of_turn, pow};
 use dunkelfeld_sampling::hash_u64;
@@ -125,14 +128,30 @@ pub(crate) struct Slopes<F: Lanes> {
     pub(crate) visible: F,
 }
 
-/// A finish with all values precomputed that do not depend on the place.
+/// Heights with all values precomputed that do not depend on the place.
 #[derive(Clone, Debug, serde::Serialize)]
 pub(crate) enum Relief {
+    Finish(Marks),
+    Image(Box<ImageRelief>),
+}
+
+impl Relief {
+    pub(crate) fn new(height: &HeightField, images: &[Image]) -> Option<Self> {
+        Some(match height {
+            HeightField::Finish(finish) => Self::Finish(Marks::new(finish)),
+            HeightField::Image(image) => Self::Image(Box::new(ImageRelief::new(image, images)?)),
+        })
+    }
+}
+
+/// A [`Finish`] with all values precomputed that do not depend on the place.
+#[derive(Clone, Debug, serde::Serialize)]
+pub(crate) enum Marks {
     Cusps(Cusps),
     Waves(Box<Waves>),
 }
 
-impl Relief {
+impl Marks {
     pub(crate) fn new(finish: &Finish) -> Self {
         let &Finish { process, mean_deviation, seed } = finish;
         let cusps =
@@ -261,7 +280,7 @@ impl Cusps {
 /// Number of waves of a random height field.
 const WAVES: usize = 48;
 /// Fractional parts of the powers of the plastic number: additive recurrences that fill a square evenly (Roberts 2018).
-const PLASTIC: [f32; 2] = [0.754_877_7, 0.569_840_3];
+pub(crate) const PLASTIC: [f64; 2] = [0.754_877_666_246_693, 0.569_840_290_998_053];
 
 /// A Gaussian height field: plane waves of random phases (Rice 1944).
 #[derive(Clone, Debug, serde::Serialize)]
@@ -285,7 +304,7 @@ impl Waves {
         let start = [0, 1].map(|axis| unit(seed, axis));
         let (mut vectors, mut phases, mut amplitudes) = (Vec::new(), Vec::new(), Vec::new());
         for i in 0..WAVES {
-            let [u, v] = [0, 1].map(|axis| (start[axis] + i as f32 * PLASTIC[axis]).fract());
+            let [u, v] = [0, 1].map(|axis| (start[axis] + i as f32 * PLASTIC[axis] as f32).fract());
             let frequency = pow(2.0, 2.0 * (i as f32 + unit(seed, 2 + 2 * i as u64)) / WAVES as f32 - 1.0) / size;
             let (cos, sin) = cos_sin_of_turn(u);
             vectors.push(match grooves {
@@ -365,7 +384,7 @@ mod tests {
 
     const UM: f32 = 1e-6;
 
-    impl Relief {
+    impl Marks {
         /// The slope, and the tangent across.
         fn at(&self, point: Vec3, normal: Vec3) -> [Vec3; 2] {
             let Slopes { slope, across, .. } = self.slopes::<f32>((), (point.into(), normal.into()), normal.into());
@@ -390,9 +409,9 @@ mod tests {
 
     /// Finishes, each with a normal of its surface, and the variance of the slope across and along that its process states, if
     /// it does.
-    fn finishes() -> Vec<(Relief, Vec3, [Option<f32>; 2])> {
+    fn finishes() -> Vec<(Marks, Vec3, [Option<f32>; 2])> {
         let (ra, feed, width) = (0.8 * UM, 200.0 * UM, 100.0 * UM);
-        let of = |process, seed| Relief::new(&Finish { process, mean_deviation: ra, seed });
+        let of = |process, seed| Marks::new(&Finish { process, mean_deviation: ra, seed });
         let (axis, origin) = (Vec3::Z, Vec3::new(0.011, 0.02, 0.0));
         let direction = Vec3::new(3.0, 1.0, 0.2).normalize();
         // A parabola of height H has slopes evenly from -4 H / feed to 4 H / feed.

@@ -1,11 +1,13 @@
 //! Descriptions of materials: factors, textures, and the volume inside a surface.
 
 pub mod finish;
+pub mod height_image;
 pub mod texture;
 pub(crate) mod texture_eval;
 
 use crate::light::emission_profile::EmissionProfile;
 use crate::material::finish::{Finish, Grain};
+use crate::material::height_image::HeightImage;
 use crate::material::texture::Texture;
 use dunkelfeld_radiometry::Rgb;
 
@@ -174,6 +176,24 @@ pub struct Anisotropy {
     pub grain: Option<Grain>,
 }
 
+/// Heights of a surface, in the frame of its object: their slopes tilt the normals.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub enum HeightField {
+    /// Of a machined surface.
+    Finish(Finish),
+    /// Of an image.
+    Image(HeightImage),
+}
+
+impl HeightField {
+    pub(crate) fn is_valid(&self) -> bool {
+        match self {
+            Self::Finish(finish) => finish.is_valid(),
+            Self::Image(image) => image.is_valid(),
+        }
+    }
+}
+
 /// A material: the metallic-roughness model with its glTF extensions, in linear values.
 ///
 /// `Default` is glTF's default material with ior 1.5, except for two values. White, metallic 1 and roughness 1 are the
@@ -220,7 +240,7 @@ pub struct Material {
     /// Anisotropy of the roughness.
     pub anisotropy: Anisotropy,
     /// The height field of the surface. It needs a surface that no light passes.
-    pub finish: Option<Finish>,
+    pub height: Option<HeightField>,
 }
 
 impl Material {
@@ -245,6 +265,14 @@ impl Material {
         self.roughness.factor < SMOOTH_ROUGHNESS && self.roughness.texture.is_none()
     }
 
+    /// The texture of the heights.
+    pub(crate) fn height_texture(&self) -> Option<Texture> {
+        match self.height {
+            Some(HeightField::Image(image)) => image.texture,
+            _ => None,
+        }
+    }
+
     /// All textures of the material.
     pub fn textures(&self) -> impl Iterator<Item = Texture> {
         self.clone().texture_slots().filter_map(|slot| *slot).collect::<Vec<_>>().into_iter()
@@ -252,13 +280,15 @@ impl Material {
 
     /// The places of all textures.
     pub fn texture_slots(&mut self) -> impl Iterator<Item = &mut Option<Texture>> {
-        let (colors, numbers, normal_map) = self.parameters();
+        let (colors, numbers, others) = self.parameters();
         let of_colors = colors.map(|color| &mut color.texture);
-        of_colors.into_iter().chain(numbers.map(|number| &mut number.texture)).chain([&mut normal_map.texture])
+        of_colors.into_iter().chain(numbers.map(|number| &mut number.texture)).chain(others)
     }
 
-    /// All that can have a texture: colours, numbers, and the normal map.
-    pub(crate) fn parameters(&mut self) -> ([&mut Parameter<Rgb>; 5], [&mut Parameter<f32>; 9], &mut NormalMap) {
+    /// All that can have a texture: colours, numbers, and the textures of normal map and heights.
+    pub(crate) fn parameters(
+        &mut self,
+    ) -> ([&mut Parameter<Rgb>; 5], [&mut Parameter<f32>; 9], Vec<&mut Option<Texture>>) {
         let colors = [
             &mut self.base_color,
             &mut self.emission,
@@ -277,7 +307,11 @@ impl Material {
             &mut self.clearcoat.roughness,
             &mut self.anisotropy.strength,
         ];
-        (colors, numbers, &mut self.normal_map)
+        let mut others = vec![&mut self.normal_map.texture];
+        if let Some(HeightField::Image(image)) = &mut self.height {
+            others.push(&mut image.texture);
+        }
+        (colors, numbers, others)
     }
 }
 
@@ -303,7 +337,7 @@ impl Default for Material {
             clearcoat: Clearcoat::default(),
             sheen: Sheen::default(),
             anisotropy: Anisotropy::default(),
-            finish: None,
+            height: None,
         }
     }
 }

@@ -1,7 +1,9 @@
 //! Evaluation of textures: from coordinates to linear values.
 
 use crate::material::Parameter;
-use crate::material::texture::{Channel, ColorEncoding, Filter, Image, Texture, Wrap, rgba, with_texels};
+use crate::material::texture::{
+    Channel, ColorEncoding, Filter, Image, Texture, TextureTransform, Wrap, rgba, with_texels,
+};
 use crate::query::surface::TexturePoint;
 use dunkelfeld_geometry::Vec2;
 use dunkelfeld_lanes::{cos_sin_of_angle, pow};
@@ -151,20 +153,27 @@ impl Texture {
     /// not finite, also after the conversion to texels.
     pub(crate) fn eval(&self, images: &[Image], uv: Vec2) -> [f32; 4] {
         let image = &images[self.image.0 as usize];
-        let t = &self.transform;
-        let uv = if *t == Default::default() {
-            uv
-        } else {
-            let (cos, sin) = cos_sin_of_angle(t.rotation);
-            let s = uv * t.scale;
-            // KHR_texture_transform: the matrix [[cos, sin], [-sin, cos]] acts on (u, v), v pointing down.
-            Vec2::new(cos * s.x + sin * s.y, cos * s.y - sin * s.x) + t.offset
-        };
-        let texels = uv * Vec2::new(image.width as f32, image.height as f32);
-        // Coordinates near the limit of f32 overflow in the conversion to texels.
-        let Vec2 { x, y } = if texels.is_finite() { texels } else { Vec2::ZERO };
+        let Vec2 { x, y } = in_texels(image, self.transform.apply(uv));
         // The format is decided once for each evaluation. The code below is compiled for each format.
         with_texels!(&*image.texels, t => self.filtered(t, [image.width, image.height], [x, y]))
+    }
+
+    /// The change of the linear value of the channel per texture coordinate, after the transform, of the uniform cubic B-spline
+    /// over the texels: it has no steps (Sigg and Hadwiger 2005). Coordinates as in [`Self::eval`].
+    pub(crate) fn gradient(&self, images: &[Image], uv: Vec2) -> Vec2 {
+        let image = &images[self.image.0 as usize];
+        let (size, place) = ([image.width, image.height], (in_texels(image, uv) - 0.5).to_array());
+        let [x, y] = place.map(|v| spline(v - v.floor()));
+        let [columns, rows] =
+            [0, 1].map(|k| OFFSETS.map(|offset| wrap(place[k].floor() + offset, size[k], self.wrap[k]) as usize));
+        let mut sum = Vec2::ZERO;
+        with_texels!(&*image.texels, t => for (j, row) in rows.into_iter().enumerate() {
+            for (i, column) in columns.into_iter().enumerate() {
+                let value = linear(t[row * image.width as usize + column], self.encoding)[usize::from(self.channel & 3)];
+                sum += Vec2::new(x[i][1] * y[j][0], x[i][0] * y[j][1]) * value;
+            }
+        });
+        sum * Vec2::new(image.width as f32, image.height as f32)
     }
 
     /// The linear value at coordinates counted in texels, which must be finite.
@@ -189,6 +198,41 @@ impl Texture {
             }
         }
     }
+}
+
+impl TextureTransform {
+    /// The coordinates on the image.
+    #[inline]
+    pub(crate) fn apply(&self, uv: Vec2) -> Vec2 {
+        if *self == Self::default() {
+            return uv;
+        }
+        let (cos, sin) = cos_sin_of_angle(self.rotation);
+        let s = uv * self.scale;
+        // KHR_texture_transform: the matrix [[cos, sin], [-sin, cos]] acts on (u, v), v pointing down.
+        Vec2::new(cos * s.x + sin * s.y, cos * s.y - sin * s.x) + self.offset
+    }
+}
+
+/// Texture coordinates in texels. Those near the limit of f32 overflow in the conversion, and become zero.
+#[inline]
+fn in_texels(image: &Image, uv: Vec2) -> Vec2 {
+    let texels = uv * Vec2::new(image.width as f32, image.height as f32);
+    if texels.is_finite() { texels } else { Vec2::ZERO }
+}
+
+/// The texels under a cubic B-spline, from the one below a place.
+const OFFSETS: [f32; 4] = [-1.0, 0.0, 1.0, 2.0];
+
+/// The weights of these texels in the value and in the derivative, at a place between 0 and 1.
+fn spline(t: f32) -> [[f32; 2]; 4] {
+    let (s, [t2, t3]) = (1.0 - t, [t * t, t * t * t]);
+    [
+        [s * s * s / 6.0, -0.5 * s * s],
+        [0.5 * t3 - t2 + 2.0 / 3.0, 1.5 * t2 - 2.0 * t],
+        [0.5 * (t + t2 - t3) + 1.0 / 6.0, 0.5 + t - 1.5 * t2],
+        [t3 / 6.0, 0.5 * t2],
+    ]
 }
 
 /// Folds an integral texel coordinate into `[0, size)`.

@@ -1,8 +1,11 @@
 //! Shading: from a point on a surface to a frame and a BSDF.
 
+use crate::geometry::triangle_data::FLAT;
 use crate::light::sample::Receivers;
 use crate::light::{Light, NO_LIGHT};
 use crate::material::finish::{Relief, Slopes};
+use crate::material::height_image::Projection;
+use crate::material::texture::Texture;
 use crate::query::intersect::{SurfacePoint, mix};
 use crate::query::surface;
 use crate::query::surface_points::{CornerLanes, SurfacePoints};
@@ -212,18 +215,9 @@ impl Scene {
         let token = wo.x.token();
         let (no, all) = (F::mask(token, 0), F::mask(token, (1 << F::WIDTH) - 1));
         let compiled = &self.compiled[material as usize];
-        // Only a smooth surface, a normal map or a finish can have a shading normal that differs from the geometric one.
+        // Only a smooth surface, a normal map or heights can have a shading normal that differs from the geometric one.
         let mut is_bent = points.is_smooth;
-        let mut normal = points.normal;
-        if is_bent.any() {
-            let corners = self.corner_lanes(
-                token,
-                points,
-                #[inline(always)]
-                |_, _| {},
-            );
-            normal = self.shading_normals(token, points, &corners);
-        }
+        let normal = self.interpolated_normals(token, points);
         let mut frame = if compiled.needs_tangent {
             is_bent = all;
             self.tangent_frames(token, points, normal)
@@ -258,6 +252,56 @@ impl Scene {
         }
     }
 
+    /// Replaces points on rounded edges by the places of fillets that viewers in the directions `wo` (unit, away from the surface)
+    /// see: with their normals, so far above the face that no direction above such a normal meets the mesh at the edge.
+    #[inline(always)]
+    pub fn round_edges<F: Lanes>(&self, material: u32, points: &mut SurfacePoints<F>, wo: V3<F>) {
+        if self.compiled[material as usize].has_rounded_edges {
+            *points = self.rounded(points, wo);
+        }
+    }
+
+    #[inline(never)]
+    fn rounded<F: Lanes>(&self, points: &SurfacePoints<F>, wo: V3<F>) -> SurfacePoints<F> {
+        vectorize!(F, wo.x.token(), {
+            let token = wo.x.token();
+            let normals = self.interpolated_normals(token, points).to_lanes();
+            let (wo, mut rounded) = (wo.to_lanes(), [points.lane(0); MAX_WIDTH]);
+            for lane in 0..F::WIDTH {
+                let p = points.lane(lane);
+                rounded[lane] = p;
+                let Some(part) = self.parts.get(p.part as usize) else { continue };
+                let (Some(edges), Some(frame)) = (&part.edges, part.frame_at(p.time)) else { continue };
+                let is_seen = p.normal.dot(wo[lane]) > 0.0;
+                let to_object = frame.inverse();
+                let [normal, facet] = [normals[lane], p.normal].map(|n| to_object.normal(n));
+                let found = edges.at(p.triangle, to_object.point(p.point), normal, to_object.vector(wo[lane]));
+                if let Some((tilted, lift)) = found.filter(|_| is_seen) {
+                    let raised = frame.vector(facet) * lift;
+                    let error = p.error + raised.abs() * (4.0 * f32::EPSILON);
+                    let point = p.point + raised;
+                    rounded[lane] = SurfacePoint { point, error, normal: frame.normal(tilted), normals: FLAT, ..p };
+                }
+            }
+            SurfacePoints::from_lanes(token, &rounded)
+        })
+    }
+
+    /// The interpolated normals of smooth surfaces, and the geometric ones of all others.
+    #[inline(always)]
+    fn interpolated_normals<F: Lanes>(&self, token: F::Token, points: &SurfacePoints<F>) -> V3<F> {
+        if !points.is_smooth.any() {
+            return points.normal;
+        }
+        let corners = self.corner_lanes(
+            token,
+            points,
+            #[inline(always)]
+            |_, _| {},
+        );
+        self.shading_normals(token, points, &corners)
+    }
+
     /// The interpolated unit normals, on the side of the geometric ones. The geometric normal if a mesh has no normals
     /// or if they cancel.
     #[inline(always)]
@@ -282,7 +326,7 @@ impl Scene {
         V3::select(is_some & points.is_smooth, unit, points.normal)
     }
 
-    /// Frames of points with a finish, from their shading frames: normal to the slopes of its height field, with tangents across
+    /// Frames of points with heights, from their shading frames: normal to the slopes of its height field, with tangents across
     /// its grooves. The second value is [`ShadingLanes::visible`] for the directions `wo`.
     #[inline(never)]
     fn finished<F: Lanes>(
@@ -307,7 +351,18 @@ impl Scene {
                 views[lane] = to_object.vector(seen[lane]) / cos.abs().max(LEAST_COSINE).copysign(cos);
             }
             let at = (V3::from_lanes(token, &places), V3::from_lanes(token, &facets));
-            let Slopes { slope, across, visible } = relief.slopes::<F>(token, at, V3::from_lanes(token, &views));
+            let Slopes { slope, across, visible } = match relief {
+                Relief::Finish(marks) => marks.slopes::<F>(token, at, V3::from_lanes(token, &views)),
+                Relief::Image(image) => {
+                    let (mut slopes, mut visible) = ([Vec3::ZERO; MAX_WIDTH], [1.0; MAX_WIDTH]);
+                    for lane in 0..F::WIDTH {
+                        let by_uv = || self.projection(&points.lane(lane), &image.texture, &frames[lane].inverse());
+                        let projections = image.projections(places[lane], facets[lane], by_uv);
+                        (slopes[lane], visible[lane]) = image.seen(&self.images, &projections, views[lane]);
+                    }
+                    Slopes { slope: V3::from_lanes(token, &slopes), across: None, visible: F::load(token, &visible) }
+                }
+            };
             let turned = |v: V3<F>| {
                 let mut v = v.to_lanes();
                 (0..F::WIDTH).for_each(|lane| v[lane] = frames[lane].vector(v[lane]));
@@ -316,6 +371,30 @@ impl Scene {
             let tangent = across.map_or(frame.tangent, turned);
             (Frame::from_normal_tangent((frame.normal - turned(slope)).normalize(), tangent), visible)
         })
+    }
+
+    /// The place of a texture by the coordinates of the mesh. Gradients are in the frame of the object.
+    fn projection(&self, p: &SurfacePoint, texture: &Texture, to_object: &Transform) -> Projection {
+        let part = &self.parts[p.part as usize];
+        let mesh = &self.meshes[part.mesh as usize];
+        let uvs = &mesh.uvs[usize::from(texture.uv_set & 1)];
+        if uvs.is_empty() {
+            return Projection { uv: Vec2::ZERO, gradients: [Vec3::ZERO; 2], weight: 1.0 };
+        }
+        let vertices = mesh.triangles[p.triangle as usize].map(|i| i as usize);
+        let [t0, t1, t2] = vertices.map(|v| texture.transform.apply(uvs[v]));
+        let transform = part.transform_at(p.time);
+        let [c0, c1, c2] = mesh.corners(p.triangle as usize).map(|c| transform.as_ref().map_or(c, |t| t.point(c)));
+        let (e1, e2) = (c1 - c0, c2 - c0);
+        let across = e1.cross(e2);
+        // The gradients of the second and third barycentric coordinate.
+        let [b1, b2] = [e2.cross(across), across.cross(e1)].map(|v| v / across.length_squared());
+        let gradients = [b1 * (t1.x - t0.x) + b2 * (t2.x - t0.x), b1 * (t1.y - t0.y) + b2 * (t2.y - t0.y)];
+        Projection {
+            uv: mix(&p.barycentrics, [t0, t1, t2]),
+            gradients: gradients.map(|gradient| to_object.vector(gradient)),
+            weight: 1.0,
+        }
     }
 
     /// [`Self::tangent_frame`] of each lane.

@@ -71,8 +71,11 @@ pub(crate) struct CompiledMaterial {
     /// For the face of a clear solid with constant parameters: the factor on light that passes it where the index of
     /// refraction is the same on both sides.
     pub(crate) clear_tint: Option<Rgb>,
-    /// The height field of a finish.
+    /// The height field.
     pub(crate) relief: Option<Relief>,
+    /// True if some part of it has rounded edges.
+    #[serde(skip)]
+    pub(crate) has_rounded_edges: bool,
     options: SurfaceOptions,
 }
 
@@ -113,7 +116,7 @@ impl Constant {
 
 impl CompiledMaterial {
     /// `is_painted`: true if some mesh of this material has vertex colours.
-    pub(crate) fn new(m: &Material, is_painted: bool, options: SurfaceOptions) -> Self {
+    pub(crate) fn new(m: &Material, is_painted: bool, options: SurfaceOptions, images: &[Image]) -> Self {
         let transmits = m.transmission.factor > 0.0 && !m.is_metal();
         let diffuses = m.diffuse_transmission.share.factor > 0.0 && !m.is_metal();
         let is_solid = matches!(m.surface, Surface::Solid(_)) && (transmits || diffuses);
@@ -123,7 +126,7 @@ impl CompiledMaterial {
         };
         let has_coverage = m.alpha_mode != AlphaMode::Opaque;
         let has_profile = m.emission_profile != EmissionProfile::Lambertian;
-        let others = [m.alpha.texture, m.emission.texture, m.normal_map.texture];
+        let others = [m.alpha.texture, m.emission.texture, m.normal_map.texture, m.height_texture()];
         let varies = is_painted || m.textures().count() > others.iter().flatten().count();
         let constant = (!varies).then(|| scatter(m, m.ior, &[], &TexturePoint::ANYWHERE, options));
         let fades = is_painted || m.alpha.texture.is_some() || m.base_color.texture.is_some();
@@ -151,7 +154,8 @@ impl CompiledMaterial {
             needs_tangent,
             emits: m.emits(),
             has_varying_radiance: m.unlit || m.emission.texture.is_some() || has_coverage || has_profile,
-            relief: m.finish.as_ref().map(Relief::new),
+            relief: m.height.as_ref().and_then(|height| Relief::new(height, images)),
+            has_rounded_edges: false,
             options,
         }
     }

@@ -472,6 +472,8 @@ impl Job {
         if let Some(path) = self.environment.as_ref().and_then(|e| e.image.as_ref()) {
             inputs.add(path, Role::Environment);
         }
+        let heights = self.materials.iter().filter_map(|material| material.layers.height.as_ref());
+        heights.for_each(|height| inputs.add(&height.image, Role::Texture));
         self.lights.iter().filter_map(Light::profile).for_each(|path| inputs.add(path, Role::LightProfile));
         inputs
     }

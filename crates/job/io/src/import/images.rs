@@ -103,24 +103,25 @@ fn guarded<T>(read: impl FnOnce() -> Result<T, ImageFault>) -> Result<T, ImageFa
         .unwrap_or_else(|_| Err(ImageFault::new("the decoder cannot read the image", "save the image again as PNG")))
 }
 
-/// Reads an equirectangular environment map (HDR or EXR; 8- and 16-bit images are decoded as they are) from any folder:
-/// the path comes from the user, not from a scene file. `beside` contains the images of the scene. The limit on all
+/// Reads an image of a job in its role, the environment or a texture, from any folder: the path comes from the user, not from a
+/// scene file. `beside` contains the images of the scene. The limit on all
 /// images together includes them.
 ///
 /// # Errors
 /// If the file cannot be read or decoded within `limits`.
-pub fn load_environment(
+pub fn load_image(
     path: &Path,
+    role: Role,
     limits: &Limits,
     beside: &[Image],
 ) -> Result<(Image, Vec<ImportWarning>), InputError> {
-    let bytes = InputFiles::new().read(path, Role::Environment, limits.file_bytes).map_err(|fault| fault.at(path))?;
+    let bytes = InputFiles::new().read(path, role, limits.file_bytes).map_err(|fault| fault.at(path))?;
     let name = path.file_name().unwrap_or_default().to_string_lossy();
-    let header = image_header(&bytes, &name, &limits.of_header()).map_err(|f| f.at(path, "environment image"))?;
+    let header = image_header(&bytes, &name, &limits.of_header()).map_err(|f| f.at(path, role.name()))?;
     let mut budget = TexelBudget::new(limits, beside);
-    budget.add("environment image", &header);
+    budget.add(role.name(), &header);
     budget.check(path)?;
-    let decoded = decode_image(&bytes, &name, limits).map_err(|fault| fault.at(path, "environment image"))?;
+    let decoded = decode_image(&bytes, &name, limits).map_err(|fault| fault.at(path, role.name()))?;
     let mut warnings = Vec::new();
     if decoded.repaired > 0 {
         warnings.push(ImportWarning { place: name.into_owned(), message: repair_message(decoded.repaired) });
@@ -517,7 +518,7 @@ mod tests {
         let hdr = image::Rgb32FImage::from_pixel(2, 1, image::Rgb([0.5, 2.0, 64.0]));
         let path = folder.path().join("sky.hdr");
         std::fs::write(&path, encoded(hdr.into(), ImageFormat::Hdr)).expect("write");
-        let (image, warnings) = load_environment(&path, &Limits::default(), &[]).expect("loads");
+        let (image, warnings) = load_image(&path, Role::Environment, &Limits::default(), &[]).expect("loads");
         assert_eq!((image.name.as_str(), image.width, image.height), ("sky.hdr", 2, 1));
         // Shared exponent, eight bits of mantissa: 64 and 2 are exact to 1 / 256 of the largest channel.
         let Texels::RgbF32(texels) = &*image.texels else { panic!("floats were expected") };
@@ -526,10 +527,10 @@ mod tests {
         // The images of the scene count as well.
         let limits = Limits { total_image_bytes: 39, ..Limits::default() };
         let scene = Image { name: "wood".into(), width: 4, height: 4, texels: Texels::Gray8(vec![[0]; 16]).into() };
-        assert!(load_environment(&path, &limits, &[]).is_ok());
-        let e = load_environment(&path, &limits, &[scene]).expect_err("beyond the budget");
+        assert!(load_image(&path, Role::Environment, &limits, &[]).is_ok());
+        let e = load_image(&path, Role::Environment, &limits, &[scene]).expect_err("beyond the budget");
         assert!(e.problem.contains("40 B") && e.place.contains("environment"), "{e}");
-        let missing = load_environment(&folder.path().join("none.hdr"), &Limits::default(), &[]);
+        let missing = load_image(&folder.path().join("none.hdr"), Role::Environment, &Limits::default(), &[]);
         assert!(missing.expect_err("missing").problem.contains("no file"));
     }
 

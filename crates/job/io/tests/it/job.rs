@@ -6,8 +6,8 @@ use dunkelfeld_io::import::EmissiveUnit;
 use dunkelfeld_io::job::{Exposure, Job, LensProjection, LensSettings, Light, SensorChoice, Strength};
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{
-    AlphaMode, Camera, Distortion, EnvironmentSource, Instance, Material, Medium, MeshPart, PrincipledModel,
-    Projection, PunctualKind, PunctualLight, SceneBuilder, Surface, Vignetting, Volume,
+    AlphaMode, Camera, Distortion, EnvironmentSource, HeightField, Instance, Material, Medium, MeshPart,
+    PrincipledModel, Projection, PunctualKind, PunctualLight, SceneBuilder, Surface, Vignetting, Volume,
 };
 use dunkelfeld_sensor::ExposureNoise;
 use std::path::{Path, PathBuf};
@@ -416,4 +416,33 @@ fn overrides_replace_what_belongs_together() {
     assert!(error.file.display().to_string() == "the overrides" && error.caret().contains("1 | seed = -1"), "{error}");
     let error = Job::from_text("a.toml", format!("{text}[sensor]\nexposure = '-1s'\n")).expect_err("no time");
     assert!(error.caret().contains("5 | exposure"), "{}", error.caret());
+}
+
+/// A grey image gives heights, by `size` on a mesh without texture coordinates; a coloured one does not.
+#[test]
+fn heights_come_from_a_grey_image() {
+    let folder = tempfile::tempdir().expect("temporary folder");
+    let apply = |keys: &str| {
+        let text = with(&format!("[[material]]\nname = \"panel\"\n{keys}\n"));
+        let mut scene = scene();
+        Job::from_text(folder.path().join("a.toml"), text)?.apply_overrides(&mut scene).map(|_| scene)
+    };
+    let grey = image::GrayImage::from_pixel(4, 2, image::Luma([7]));
+    grey.save(folder.path().join("grey.png")).expect("written");
+    image::RgbImage::from_pixel(1, 1, image::Rgb([1, 2, 3])).save(folder.path().join("red.png")).expect("written");
+    let scene = apply("height = { image = \"grey.png\", depth = \"40um\", size = \"25mm\" }").expect("a grey image");
+    let Some(HeightField::Image(height)) = scene.materials[0].height else { panic!("no image") };
+    assert_eq!((height.depth, height.size, height.texture.map(|t| t.image.0)), (40e-6, Some(25e-3), Some(0)));
+    assert_eq!((scene.images.len(), scene.images[0].width), (1, 4));
+    let problem = |keys: &str| apply(keys).expect_err(keys).problem;
+    assert!(problem("height = { image = \"grey.png\", depth = \"40um\" }").contains("no texture coordinates"));
+    assert!(problem("height = { image = \"red.png\", depth = \"40um\", size = 1 }").contains("is grey"));
+}
+
+/// The radius is that of the selected objects, also if others share the mesh.
+#[test]
+fn edges_of_an_object_are_rounded() {
+    let scene = changed("[[object]]\nname = \"left\"\nedge_radius = \"0.3mm\"\n");
+    let radius = |instance: usize| scene.meshes[scene.instances[instance].meshes[0]].edge_radius;
+    assert_eq!([0, 1, 2].map(radius), [3e-4, 0.0, 0.0]);
 }

@@ -1,14 +1,19 @@
 //! Applies `[[material]]` of a job to the materials of a scene.
 
-use super::finish::GrainSettings;
+use super::finish::{GrainSettings, HeightSettings};
 use super::materials::InteriorChange;
 use super::patterns::{matches, unique};
 use super::{AlphaKind, Job, MaterialOverride};
 use crate::error::InputError;
+use crate::images::load_image;
+use crate::input::Role;
 use crate::names::suggestion;
 use crate::toml_keys::keys_of;
 use dunkelfeld_radiometry::Rgb;
-use dunkelfeld_scene::{AlphaMode, Material, Medium, SceneBuilder, Surface, Volume};
+use dunkelfeld_scene::{
+    AlphaMode, ColorEncoding, HeightField, HeightImage, ImageId, Material, Medium, SceneBuilder, Surface, Texture,
+    Volume,
+};
 use std::collections::HashMap;
 
 /// A new material of a job: a grey dielectric of medium roughness, [`Material::default`] with a base colour of 0.5.
@@ -42,6 +47,8 @@ impl Job {
     ) -> Result<(), InputError> {
         let (mut found, mut is_later) = (false, false);
         let is_given = |key: &&&str| **key != "solid" && self.sets(&["material", &i.to_string(), key]);
+        let image = change.layers.height.as_ref().map(|height| self.load_height(i, height, scene)).transpose()?;
+        let meshes = &scene.meshes;
         let inside = keys_of::<InteriorChange>().iter().find(is_given);
         for (index, material) in scene.materials.iter_mut().enumerate().filter(|(_, m)| matches(&change.name, &m.name))
         {
@@ -51,20 +58,37 @@ impl Job {
             }
             found = true;
             apply(change, material);
-            if change.layers.grain.is_some() && change.layers.finish.is_none() && material.finish.is_some() {
+            let has_finish = matches!(material.height, Some(HeightField::Finish(_)));
+            let heights = [change.layers.finish.is_some(), change.layers.height.is_some()];
+            if change.layers.grain.is_some() && heights == [false; 2] && has_finish {
                 let problem =
                     format!("the finish of material \"{}\" has its grain from an earlier entry", material.name);
                 return Err(self.material_error(i, "grain", problem, "write `finish` in this entry again"));
             }
+            if heights != [false; 2] && !material.is_opaque() {
+                let problem = format!("light passes material \"{}\"", material.name);
+                let key = if heights[0] { "finish" } else { "height" };
+                return Err(self.material_error(i, key, problem, "use `roughness`: heights need an opaque surface"));
+            }
             if let Some(finish) = &change.layers.finish {
-                if !material.is_opaque() {
-                    let problem = format!("light passes material \"{}\"", material.name);
-                    let help = "use `roughness`: a finish needs an opaque surface";
-                    return Err(self.material_error(i, "finish", problem, help));
-                }
                 let finish = finish.finish(material.anisotropy.grain);
-                material.finish =
-                    Some(finish.map_err(|[key, problem, help]| self.material_error(i, key, problem, help))?);
+                let finish = finish.map_err(|[key, problem, help]| self.material_error(i, key, problem, help))?;
+                material.height = Some(HeightField::Finish(finish));
+            }
+            if let (Some(HeightSettings { depth, size, .. }), Some(image)) = (&change.layers.height, image) {
+                let own = Texture::new(image, ColorEncoding::Linear);
+                let of_material = material.textures().next().unwrap_or(own);
+                let texture = Texture { image, encoding: own.encoding, channel: own.channel, ..of_material };
+                let mut plain = meshes
+                    .iter()
+                    .filter(|part| part.material == index && part.mesh.uvs[usize::from(texture.uv_set & 1)].is_empty());
+                if let (None, Some(part)) = (size, plain.next()) {
+                    let problem = format!("mesh \"{}\" has no texture coordinates for the image", part.name);
+                    let help = "write the width of one image, such as size = \"25mm\", to repeat it over the object";
+                    return Err(self.material_error(i, "height", problem, help));
+                }
+                let (texture, size) = (Some(texture), size.map(|size| size as f32));
+                material.height = Some(HeightField::Image(HeightImage { texture, depth: *depth as f32, size }));
             }
             if let Some(key) = inside.filter(|_| material.surface == Surface::Thin) {
                 let problem = format!("material \"{}\" is a thin sheet, which has no inside", material.name);
@@ -84,6 +108,25 @@ impl Job {
         let problem = format!("the scene has no material named \"{}\"", change.name);
         let help = suggestion(&change.name, "materials", &known);
         Err(self.material_error(i, "name", problem, help))
+    }
+
+    /// Adds the image of heights to a scene.
+    fn load_height(&self, i: usize, height: &HeightSettings, scene: &mut SceneBuilder) -> Result<ImageId, InputError> {
+        let limits = self.import_options().limits;
+        let error = |problem: &str, help: &str| {
+            let problem = format!("{}: {problem}", height.image.display());
+            self.source.error_at_key(&["material", &i.to_string(), "height"], problem, help)
+        };
+        let (image, _) = load_image(&height.image, Role::Texture, &limits, &scene.images)
+            .map_err(|e| error(&e.problem, e.help.as_str()))?;
+        let texels = &image.texels;
+        let is_grey = |k: usize| texels.get(k).is_none_or(|[r, g, b, _]| r == g && g == b);
+        if texels.is_float() || !(0..texels.len()).all(is_grey) {
+            let problem = "a height image is grey, of 8 or 16 bits";
+            return Err(error(problem, "save it as a grey PNG; 16 bits have finer slopes"));
+        }
+        scene.images.push(image);
+        Ok(ImageId((scene.images.len() - 1) as u32))
     }
 
     fn material_error(&self, i: usize, key: &str, problem: impl Into<String>, help: impl Into<String>) -> InputError {

@@ -12,7 +12,7 @@ use crate::names::suggestion;
 use crate::toml_file::TomlFile;
 use crate::toml_keys::TableKeys;
 use dunkelfeld_geometry::{DAffine3, DVec3, Transform};
-use dunkelfeld_scene::{Instance, SceneBuilder};
+use dunkelfeld_scene::{Instance, MeshPart, SceneBuilder};
 use std::collections::HashMap;
 
 /// Most emitting triangles that copies add. Each is a light of its own, also if its mesh is shared.
@@ -101,6 +101,9 @@ impl Job {
         }
         if let Some(material) = &change.material {
             self.assign_material(i, material, &selected, scene)?;
+        }
+        if let Some(radius) = change.edge_radius {
+            change_meshes(&selected, scene, |part| part.edge_radius = radius as f32);
         }
         self.check_copies(i, change, &selected, scene)?;
         let common = match &change.pivot {
@@ -216,7 +219,7 @@ impl Job {
         Ok(())
     }
 
-    /// Gives all parts of the objects a material. Meshes that other objects use as well are copied once.
+    /// Gives all parts of the objects a material.
     fn assign_material(
         &self,
         i: usize,
@@ -230,36 +233,7 @@ impl Job {
                 format!("{}; a new one needs [[material]] with `new = true`", suggestion(name, "materials", &known));
             return Err(self.object_error(i, "material", format!("the scene has no material named \"{name}\""), help));
         };
-        let mut uses: HashMap<usize, usize> = HashMap::new();
-        for mesh in scene.instances.iter().flat_map(|n| &n.meshes) {
-            *uses.entry(*mesh).or_default() += 1;
-        }
-        for mesh in selected.iter().filter_map(|k| scene.instances.get(*k)).flat_map(|n| &n.meshes) {
-            if let Some(left) = uses.get_mut(mesh) {
-                *left -= 1;
-            }
-        }
-        let mut changed: HashMap<usize, usize> = HashMap::new();
-        for index in selected {
-            let Some(object) = scene.instances.get_mut(*index) else { continue };
-            for mesh in &mut object.meshes {
-                if let Some(own) = changed.get(mesh) {
-                    *mesh = *own;
-                    continue;
-                }
-                let Some(part) = scene.meshes.get_mut(*mesh) else { continue };
-                let old = *mesh;
-                if uses.get(mesh).is_some_and(|others| *others > 0) && part.material != material {
-                    let mut copy = part.clone();
-                    copy.material = material;
-                    scene.meshes.push(copy);
-                    *mesh = scene.meshes.len() - 1;
-                } else {
-                    part.material = material;
-                }
-                changed.insert(old, *mesh);
-            }
-        }
+        change_meshes(selected, scene, |part| part.material = material);
         Ok(())
     }
 
@@ -298,5 +272,39 @@ impl Job {
         help: impl Into<String>,
     ) -> InputError {
         self.source.error_at_key(&["object", &i.to_string(), key], problem, help)
+    }
+}
+
+/// Changes all meshes of the objects. Meshes that other objects use as well are copied once.
+fn change_meshes(selected: &[usize], scene: &mut SceneBuilder, change: impl Fn(&mut MeshPart)) {
+    let mut uses: HashMap<usize, usize> = HashMap::new();
+    for mesh in scene.instances.iter().flat_map(|n| &n.meshes) {
+        *uses.entry(*mesh).or_default() += 1;
+    }
+    for mesh in selected.iter().filter_map(|k| scene.instances.get(*k)).flat_map(|n| &n.meshes) {
+        if let Some(left) = uses.get_mut(mesh) {
+            *left -= 1;
+        }
+    }
+    let mut changed: HashMap<usize, usize> = HashMap::new();
+    for index in selected {
+        let Some(object) = scene.instances.get_mut(*index) else { continue };
+        for mesh in &mut object.meshes {
+            if let Some(own) = changed.get(mesh) {
+                *mesh = *own;
+                continue;
+            }
+            let Some(part) = scene.meshes.get_mut(*mesh) else { continue };
+            let (old, mut own) = (*mesh, part.clone());
+            change(&mut own);
+            let is_same = (own.material, own.edge_radius) == (part.material, part.edge_radius);
+            if uses.get(mesh).is_some_and(|others| *others > 0) && !is_same {
+                scene.meshes.push(own);
+                *mesh = scene.meshes.len() - 1;
+            } else {
+                *part = own;
+            }
+            changed.insert(old, *mesh);
+        }
     }
 }

@@ -1,4 +1,4 @@
-//! `finish` and `grain` of `[[material]]`: machined surfaces.
+//! `finish`, `height` and `grain` of `[[material]]`: machined surfaces, and heights of images.
 
 use super::check;
 use super::place::point;
@@ -8,6 +8,7 @@ use serde::de::value::{MapAccessDeserializer, StrDeserializer};
 use serde::de::{Error, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 use std::fmt;
+use std::path::PathBuf;
 
 /// `grain`: the direction of the grooves in the frame of the object, or the axis that they run about.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
@@ -39,6 +40,20 @@ impl GrainSettings {
             Self::Around(Around { axis, origin }) => Grain::Around { axis: direction(axis)?, origin: origin.as_vec3() },
         })
     }
+}
+
+/// `height`: the heights of a grey image.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HeightSettings {
+    /// The image, grey, of 8 or 16 bits.
+    pub image: PathBuf,
+    /// Height of white over black \[m\].
+    #[serde(deserialize_with = "check::length")]
+    pub depth: f64,
+    /// Width of one image \[m\], repeated along the axes of the object. Default: by texture coordinates.
+    #[serde(default, deserialize_with = "check::positive_length")]
+    pub size: Option<f64>,
 }
 
 /// `finish`: the name of a process, or a table with its keys.

@@ -1,7 +1,7 @@
 //! `[[material]]` of a job: changes of the materials of a scene, and new ones.
 
 use super::check;
-use super::finish::{FinishSettings, GrainSettings};
+use super::finish::{FinishSettings, GrainSettings, HeightSettings};
 use crate::error::InputError;
 use crate::toml_file::TomlFile;
 use crate::toml_keys::{TableKeys, keys_of};
@@ -140,6 +140,8 @@ pub struct LayerChange {
     pub grain: Option<GrainSettings>,
     /// The height field of a machined surface.
     pub finish: Option<FinishSettings>,
+    /// The height field of an image.
+    pub height: Option<HeightSettings>,
 }
 
 /// `alpha_mode` of a material.
@@ -173,7 +175,13 @@ impl MaterialOverride {
             let by_color = given(&["attenuation_color", "attenuation_distance", "scattering_albedo"]);
             let outright = given(&["absorption", "scattering"]);
             let (dielectric, interior, layers) = (keys.take(&[])?, keys.take(&[])?, keys.take(&[])?);
-            let change = Self { dielectric, interior, layers, ..keys.rest()? };
+            let mut change = Self { dielectric, interior, layers, ..keys.rest()? };
+            if let Some(height) = &mut change.layers.height {
+                height.image = keys.file().resolve(&height.image);
+                if change.layers.finish.is_some() {
+                    return Err(keys.error("height", "`finish` and `height` exclude each other", "keep one of them"));
+                }
+            }
             if change.new && (change.name.is_empty() || change.name.contains(['*', '?'])) {
                 let problem = "a new material cannot have a pattern as its name, or none";
                 return Err(keys.error("name", problem, "write a name without `*` and `?`"));

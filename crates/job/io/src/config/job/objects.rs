@@ -43,6 +43,9 @@ pub struct ObjectOverride {
     pub pivot: Pivot,
     /// Name of a material of the scene or of a `[[material]]` with `new = true`, for all parts of the objects.
     pub material: Option<String>,
+    /// Radius \[m\] of the fillets of sharp convex edges; 0 leaves them sharp.
+    #[serde(default, deserialize_with = "check::length_or_zero")]
+    pub edge_radius: Option<f64>,
     /// Copies, each moved from the place of the object. They replace it.
     pub instances: Option<Vec<Placement>>,
     /// Copies on a grid whose first point is the place of the object. They replace it.

@@ -2,7 +2,8 @@
 
 use super::{EnvironmentSettings, Job, Light};
 use crate::error::{ImportWarning, InputError};
-use crate::images::load_environment;
+use crate::images::load_image;
+use crate::input::Role;
 use dunkelfeld_radiometry::Rgb;
 use dunkelfeld_scene::{Environment, EnvironmentSource, ImageId, SceneBuilder};
 
@@ -48,7 +49,7 @@ impl Job {
             (Some(radiance), _) => EnvironmentSource::Constant(*radiance),
             (None, Some(path)) => {
                 let limits = self.import_options().limits;
-                let (image, repaired) = load_environment(path, &limits, &scene.images).map_err(|e| {
+                let (image, repaired) = load_image(path, Role::Environment, &limits, &scene.images).map_err(|e| {
                     let problem = format!("{}: {}", path.display(), e.problem);
                     self.source.error_at_key(&["environment", "image"], problem, e.help)
                 })?;
