@@ -16,7 +16,7 @@ use std::collections::BTreeSet;
 /// An object in two entries, and labels that the images cannot have.
 pub(crate) fn check(study: &Study, project: &Project, names: &ObjectNames<'_>, ids: &Ids) -> Result<(), Error> {
     check_labels(study, names)?;
-    check_images(study, project, ids)?;
+    check_images(study, ids)?;
     let labels = &study.labels;
     let is_line_scan = matches!(project.scene.shutter(), Some(Shutter::Lines(_)));
     if let Some(Shutter::Lines(lines)) = project.scene.shutter()
@@ -24,6 +24,12 @@ pub(crate) fn check(study: &Study, project: &Project, names: &ObjectNames<'_>, i
     {
         let fault = Fault::new("labels are those of all lines, and a capture has some", "remove `alternate`");
         return Err(study.error(fault, &["line_scan", "alternate"]).into());
+    }
+    let camera = project.defined_cameras().first().filter(|_| study.camera.is_none()).cloned();
+    if camera.is_some() && project.capture_names(camera.as_deref()).len() < project.capture_names(None).len() {
+        let fault =
+            Fault::new("labels are of one camera, and the captures of several", "select one by `camera` in [study]");
+        return Err(study.error(fault, &["capture"]).into());
     }
     let pointed = study.label.iter().position(|entry| !entry.keypoints.is_empty());
     if let Some(number) = pointed.filter(|_| is_line_scan) {
@@ -72,7 +78,7 @@ pub(crate) fn check(study: &Study, project: &Project, names: &ObjectNames<'_>, i
 }
 
 /// Pairs need defects, and the tree of MVTec AD needs what its readers expect.
-fn check_images(study: &Study, project: &Project, ids: &Ids) -> Result<(), Error> {
+fn check_images(study: &Study, ids: &Ids) -> Result<(), Error> {
     let at = |path: &[&str], problem: &str, help: &str| Err(study.error(Fault::new(problem, help), path).into());
     if study.pairs && ids.kinds().next().is_none() {
         return at(
@@ -90,14 +96,6 @@ fn check_images(study: &Study, project: &Project, ids: &Ids) -> Result<(), Error
     }
     if study.train == 0 {
         return at(&layout, "MVTec AD needs images for training", "write their number as `train` in [study]");
-    }
-    let cameras = if study.job(0)?.camera.is_none() { project.defined_cameras().len() } else { 1 };
-    if cameras > 1 && !project.capture_names(None).is_empty() {
-        return at(
-            &layout,
-            "the masks are of one camera, and the captures of several",
-            "select one by `camera` in [study]",
-        );
     }
     match ids.kinds().find(|kind| !is_kind(kind)) {
         None => Ok(()),
