@@ -106,8 +106,13 @@ impl OutputPaths {
 }
 
 fn with_camera(path: &Path, camera: &str) -> PathBuf {
+    with_suffix(path, &plain_name(camera))
+}
+
+/// The name of a camera in the name of a file.
+pub(crate) fn plain_name(camera: &str) -> String {
     let is_plain = |c: char| c.is_alphanumeric() || "-_.".contains(c);
-    with_suffix(path, &camera.chars().map(|c| if is_plain(c) { c } else { '_' }).collect::<String>())
+    camera.chars().map(|c| if is_plain(c) { c } else { '_' }).collect()
 }
 
 /// The name with a suffix in front of the extension.

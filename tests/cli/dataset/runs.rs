@@ -37,6 +37,18 @@ fn a_set_has_the_captures_of_each_image() {
     }
 }
 
+/// Labels are of one camera and of all lines.
+#[test]
+fn captures_that_labels_do_not_fit_are_refused() {
+    let two = "[[capture]]\nname = \"a\"\n[[capture]]\nname = \"b\"\n";
+    let lines = STUDY.replace("[sensor]\n", "[line_scan]\nline_rate = \"10Hz\"\nalternate = true\n[sensor]\n");
+    let other = two.replacen("name = \"a\"", "name = \"a\"\ncamera = \"side\"", 1);
+    for (text, wanted) in [(format!("{lines}{two}"), "alternate"), (format!("{STUDY}{other}"), "of several")] {
+        let run = Bench::new(&text).refused("dataset study.toml -o a");
+        assert!(run.contains(wanted), "{run}");
+    }
+}
+
 #[test]
 fn a_set_has_its_files_and_is_the_same_with_any_number_of_jobs() {
     let bench = Bench::new(STUDY);

@@ -25,6 +25,12 @@ pub(crate) fn check(study: &Study, project: &Project, names: &ObjectNames<'_>, i
         let fault = Fault::new("labels are those of all lines, and a capture has some", "remove `alternate`");
         return Err(study.error(fault, &["line_scan", "alternate"]).into());
     }
+    let camera = project.defined_cameras().first().filter(|_| study.camera.is_none()).cloned();
+    if camera.is_some() && project.capture_names(camera.as_deref()).len() < project.capture_names(None).len() {
+        let fault =
+            Fault::new("labels are of one camera, and the captures of several", "select one by `camera` in [study]");
+        return Err(study.error(fault, &["capture"]).into());
+    }
     let pointed = study.label.iter().position(|entry| !entry.keypoints.is_empty());
     if let Some(number) = pointed.filter(|_| is_line_scan) {
         let fault = Fault::new("the rows of a line scan are of different times", "remove `keypoints`");

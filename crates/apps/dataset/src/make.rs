@@ -231,11 +231,10 @@ impl Worker {
         let (job, parts) = self.enter(index)?;
         let change = began.elapsed().as_secs_f64();
         self.choose_settings(seconds);
-        let (mut first, mut captures, mut files, mut is_whole) = (None, BTreeMap::new(), Vec::new(), true);
+        let (mut first, mut captures, mut files) = (None, BTreeMap::new(), Vec::new());
         let each = &mut |capture: Option<&str>, result: ProjectResult| {
             let name = capture.map_or_else(|| format!("{index:06}"), |capture| format!("{index:06}-{capture}"));
             encode::images(&mut files, &name, &self.study.images, &result.frame)?;
-            is_whole &= !result.rendering.interrupted;
             let pixels = f64::from(result.settings().width) * f64::from(result.settings().height);
             let record = CaptureRecord::new(&result.frame, pixels);
             if let Some(capture) = capture {
@@ -246,7 +245,7 @@ impl Worker {
         };
         let rendered = self.project.render_captures(&Silent, cancel, each);
         rendered.map_err(|e| in_study(&self.study, e, index))?;
-        let Some((result, record)) = first.filter(|_| is_whole) else { return Ok(None) };
+        let Some((result, record)) = first.filter(|(result, _)| !result.rendering.interrupted) else { return Ok(None) };
         // The sum of no stage is a positive zero.
         let stage = |all: &[Stage]| -> f64 {
             let seconds = result.rendering.stages.iter().filter(|(stage, _)| all.contains(stage)).map(|(_, s)| s);
@@ -296,7 +295,10 @@ impl Worker {
         if let Some(name) = &job.camera {
             study.check_camera(name, &self.project, index)?;
         }
-        self.project.settings.camera.clone_from(&job.camera);
+        // Captures are of one camera as well.
+        let first = self.project.defined_cameras().into_iter().next();
+        let first = first.filter(|_| !self.project.capture_names(None).is_empty());
+        self.project.settings.camera = job.camera.clone().or(first);
         Ok(parts)
     }
 

@@ -245,7 +245,7 @@ pub struct Study {
     pub(crate) defect: Vec<Template>,
     /// The named draws.
     draw: BTreeMap<String, Template>,
-    camera: Option<Template>,
+    pub(crate) camera: Option<Template>,
     /// The keys of the job, as far as the study has them.
     pub(crate) template: Template,
     /// The keys of the named job.

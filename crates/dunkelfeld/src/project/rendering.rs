@@ -7,6 +7,7 @@ use crate::guard::check_outputs;
 use crate::memory::{KeptFilms, MemoryAccount, MemoryStats};
 use crate::outputs::{OutputPaths, Written};
 use crate::stats::{DenoiseStats, Stats};
+use crate::views::plain_name;
 use dunkelfeld_denoise::{Builtin, Denoiser};
 use dunkelfeld_film::Film;
 use dunkelfeld_io::input::InputFiles;
@@ -122,7 +123,7 @@ impl Project {
             settings.budget.seconds = settings.budget.seconds.map(|seconds| seconds / cameras.len() as f64);
             let settings = self.captured(self.fit_settings(settings)?)?;
             self.render_each(None, settings, (progress, cancel), &mut |name, result| match name {
-                Some(name) if cameras.len() > 1 => each(Some(&format!("{camera}-{name}")), result),
+                Some(name) if cameras.len() > 1 => each(Some(&format!("{}-{name}", plain_name(camera))), result),
                 name => each(name, result),
             })?;
         }
