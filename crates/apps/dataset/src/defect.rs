@@ -174,9 +174,8 @@ impl DefectEntry {
                 continue;
             }
             let mut stream = draws.stream(&format!("{place}.place"));
-            let placed =
-                add_defect(scene, &DefectSpec { name, on, image: study.picture(&defect), defect }, &mut stream)
-                    .map_err(at)?;
+            let image = study.picture(&defect).map_err(at)?;
+            let placed = add_defect(scene, &DefectSpec { name, on, image, defect }, &mut stream).map_err(at)?;
             added.push(AddedDefect { entry: self.number, kind: self.kind.clone(), placed });
         }
         Ok(())

@@ -148,10 +148,13 @@ impl Template {
         }
     }
 
-    /// The texts of a key of a table, as [`Self::texts`].
-    pub(crate) fn texts_of(&self, key: &str) -> Vec<String> {
+    /// The texts of a key of a table, as [`Self::texts`], also those of a named draw.
+    pub(crate) fn texts_of(&self, key: &str, draws: &BTreeMap<String, Self>) -> Vec<String> {
         match self {
-            Self::Table(keys) => keys.get(key).map_or_else(Vec::new, Self::texts),
+            Self::Table(keys) => match keys.get(key) {
+                Some(Self::Drawn(Distribution::Named(name))) => draws.get(name).map_or_else(Vec::new, Self::texts),
+                other => other.map_or_else(Vec::new, Self::texts),
+            },
             Self::Fixed(Value::Table(keys)) => keys.get(key).map_or_else(Vec::new, texts),
             _ => Vec::new(),
         }

@@ -94,7 +94,8 @@ struct SceneParts {
 }
 
 impl SceneParts {
-    fn new(scene: &SceneBuilder, ids: &Ids, defects: Vec<AddedDefect>, has_models: bool) -> Self {
+    /// `shapes` are those of the objects without defects, for files with models: a defect makes no other model.
+    fn new(scene: &SceneBuilder, ids: &Ids, defects: Vec<AddedDefect>, shapes: Option<&[u64]>) -> Self {
         let names: Vec<String> = scene.instances.iter().map(|i| i.name.clone()).collect();
         let labels = ids.label(&names, &defects).unwrap_or_default();
         let is_defect = |name: &String| defects.iter().any(|defect| defect.placed.object == *name);
@@ -105,9 +106,9 @@ impl SceneParts {
             parts.poses.push(object.to_world);
             parts.boxes.extend(bounds.filter(|_| is_defect));
             parts.labelled.extend(bounds.filter(|_| label.is_some()));
-            if has_models {
-                let meshes = |i: &Instance| shape(i.meshes.iter().filter_map(|m| Some(&*scene.meshes.get(*m)?.mesh)));
-                parts.shapes.push(label.map_or(0, |_| meshes(object)));
+            if let Some(shapes) = shapes {
+                let own = || shapes.get(i).copied().unwrap_or_else(|| shape_of(scene, object));
+                parts.shapes.push(label.map_or(0, |_| own()));
             }
             if let Some([low, high]) = bounds
                 && label.is_some()
@@ -286,9 +287,11 @@ impl Worker {
                 drawn.append(&mut record);
             }
             let entries = if study.has_defects(index) { entries.as_slice() } else { &[] };
+            let shapes: Option<Vec<u64>> =
+                study.labels.bop.then(|| scene.instances.iter().map(|object| shape_of(scene, object)).collect());
             let defects = add_defects(entries, study, scene, draws, drawn)
                 .map_err(|(number, fault)| study.image_error(index, "defect", number, fault))?;
-            parts = SceneParts::new(scene, ids, defects, study.labels.bop);
+            parts = SceneParts::new(scene, ids, defects, shapes.as_deref());
             Ok(())
         });
         changed.map_err(|e| in_study(study, e, index))?;
@@ -397,7 +400,13 @@ impl Worker {
             keypoints: points,
         };
         files.push((format!("labels/{name}.json"), encode::json(&labels)));
-        files.extend(yolo.map(|yolo| (format!("labels/{name}.txt"), yolo.into_bytes())));
+        // Readers find the labels by the name of the picture.
+        let pictures: Vec<String> = (files.iter())
+            .filter_map(|(file, _)| file.strip_prefix("images/")?.rsplit_once('.').map(|(stem, _)| stem.to_owned()))
+            .collect();
+        files.extend(yolo.into_iter().flat_map(|yolo| {
+            pictures.iter().map(move |stem| (format!("labels/{stem}.txt"), yolo.clone().into_bytes()))
+        }));
         let record = Record {
             index,
             study: study.hash().to_owned(),
@@ -519,6 +528,11 @@ impl Worker {
             })
             .collect()
     }
+}
+
+/// The hash of the shape of an object.
+fn shape_of(scene: &SceneBuilder, object: &Instance) -> u64 {
+    shape(object.meshes.iter().filter_map(|m| Some(&*scene.meshes.get(*m)?.mesh)))
 }
 
 /// The box and the number of pixels of each instance of a mask.

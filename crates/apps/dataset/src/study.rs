@@ -346,7 +346,7 @@ impl Study {
         let name = name_of(&source, study.name)?;
         let own = stable_text(source.text(), &name);
         let text = format!("{name}\n{}\n{own}", toml::to_string(&base).unwrap_or_default());
-        let pictures = pictures_of(&source, &defect, &folder, &mut inputs)?;
+        let pictures = pictures_of(&source, (&defect, &draw), &folder, &mut inputs)?;
         let study = Self {
             pictures,
             name,
@@ -466,8 +466,17 @@ impl Study {
     }
 
     /// The picture of a decal.
-    pub(crate) fn picture(&self, defect: &Defect) -> Option<Image> {
-        if let Defect::Decal(decal) = defect { self.pictures.get(&decal.image).cloned() } else { None }
+    ///
+    /// # Errors
+    /// A name that no `choice` or `sequence` has, so that the file was not read.
+    pub(crate) fn picture(&self, defect: &Defect) -> Result<Option<Image>, Fault> {
+        let Defect::Decal(decal) = defect else { return Ok(None) };
+        let unknown = || {
+            let help = "write a path, or `choice` or `sequence` of paths, also as a draw of [study.draw]";
+            Fault::new(format!("the picture \"{}\" was not read before the first image", decal.image), help)
+                .below("image")
+        };
+        self.pictures.get(&decal.image).cloned().map(Some).ok_or_else(unknown)
     }
 
     /// May the images have different devices?
@@ -558,14 +567,14 @@ fn base_of(source: &TomlFile, path: &Path, inputs: &mut InputFiles) -> Result<Ta
 /// The pictures that the decals of a study name.
 fn pictures_of(
     source: &TomlFile,
-    defects: &[Template],
+    (defects, draws): (&[Template], &BTreeMap<String, Template>),
     folder: &Path,
     inputs: &mut InputFiles,
 ) -> Result<BTreeMap<String, Image>, InputError> {
     let limits = Limits::default();
     let mut pictures = BTreeMap::new();
     for (number, defect) in defects.iter().enumerate() {
-        for name in defect.texts_of("image") {
+        for name in defect.texts_of("image", draws) {
             let at = |problem: String, help: &str| {
                 source.error_at_key(
                     &["study", "defect", &number.to_string(), "image"],

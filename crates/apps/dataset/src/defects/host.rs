@@ -122,7 +122,7 @@ impl EdgeTable {
             for &part in &instance.meshes {
                 let present = |m: &&MeshPart| scene.materials.get(m.material).is_some_and(|m| !is_absent(m));
                 let Some(m) = scene.meshes.get(part).filter(present) else { continue };
-                let Some(pieces) = Pieces::new(&m.mesh, &instance.to_world) else { continue };
+                let pieces = Pieces::new(&m.mesh, &instance.to_world);
                 for (point, way, normal) in pieces.convex_edges(SHARP) {
                     let Some(edge) = way.try_normalize() else { continue };
                     if facing.is_none_or(|f| normal.dot(f) >= LEAST_COSINE) {

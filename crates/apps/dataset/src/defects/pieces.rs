@@ -4,8 +4,8 @@ use super::surface::corners_of;
 use dunkelfeld_geometry::{DAffine3, DVec3, Mesh};
 use std::collections::HashMap;
 
-/// Most triangles that a split may lead to.
-const MOST: usize = 2_000_000;
+/// Most triangles that a split may add.
+const MOST: usize = 500_000;
 /// Most edges that a step of a walk may cross.
 const MOST_CROSSINGS: usize = 1000;
 
@@ -21,6 +21,7 @@ pub(super) struct Piece {
 }
 
 /// The triangles of a part. Those that meet share the nodes of their common edge, by the positions of the vertices.
+#[derive(Clone)]
 pub(super) struct Pieces {
     /// Positions of the nodes, relative to a place and in the axes of the world \[m\].
     pub(super) points: Vec<DVec3>,
@@ -43,14 +44,15 @@ pub(super) struct Stride {
 }
 
 impl Pieces {
-    /// The triangles of a mesh in their order; `to_place` leads to the axes of the world. `None` if two triangles have an edge
-    /// in the same direction: the mesh is no surface.
-    pub(super) fn new(mesh: &Mesh, to_place: &DAffine3) -> Option<Self> {
+    /// The triangles of a mesh in their order, without those of no area; `to_place` leads to the axes of the world. Where several
+    /// triangles have an edge in one direction, the surface ends.
+    pub(super) fn new(mesh: &Mesh, to_place: &DAffine3) -> Self {
         let mut known: HashMap<[u64; 3], u32> = HashMap::new();
         let mut all = Self { points: Vec::new(), pieces: Vec::new(), edges: HashMap::new() };
         let is_reflected = to_place.matrix3.determinant() < 0.0;
         for source in 0..mesh.triangles.len() {
-            let mut nodes = corners_of(mesh, source)?.map(|local| {
+            let Some(local) = corners_of(mesh, source) else { continue };
+            let mut nodes = local.map(|local| {
                 // A sum with zero has no negative zeros.
                 *known.entry((local + DVec3::ZERO).to_array().map(f64::to_bits)).or_insert_with(|| {
                     all.points.push(to_place.transform_point3(local));
@@ -62,14 +64,33 @@ impl Pieces {
                 nodes.swap(1, 2);
                 weights.swap(1, 2);
             }
-            all.pieces.push(Piece { nodes, source, weights });
-            for edge in edges(nodes).into_iter().filter(|[a, b]| a != b) {
-                if all.edges.insert(edge, source).is_some() {
-                    return None;
-                }
+            let [a, b, c] = nodes.map(|node| all.points[node as usize]);
+            if (b - a).cross(c - a).length() <= 1e-12 * (b - a).length_squared().max((c - a).length_squared()) {
+                continue;
             }
+            if edges(nodes).iter().any(|edge| all.edges.contains_key(edge)) {
+                // Its corners are nodes of its own, so that it has no neighbours.
+                nodes = nodes.map(|node| {
+                    all.points.push(all.points[node as usize]);
+                    (all.points.len() - 1) as u32
+                });
+            }
+            all.edges.extend(edges(nodes).map(|edge| (edge, all.pieces.len())));
+            all.pieces.push(Piece { nodes, source, weights });
         }
-        Some(all)
+        all
+    }
+
+    /// The piece that is a whole triangle of the mesh, before any is split.
+    pub(super) fn whole(&self, triangle: usize) -> Option<usize> {
+        self.pieces.binary_search_by_key(&triangle, |piece| piece.source).ok()
+    }
+
+    /// The same pieces around another place.
+    pub(super) fn around(&self, place: DVec3) -> Self {
+        let mut moved = self.clone();
+        moved.points.iter_mut().for_each(|point| *point -= place);
+        moved
     }
 
     /// The corners of a piece.
@@ -108,6 +129,7 @@ impl Pieces {
     /// first those of its neighbours that are longer, so that no node lies on an edge of another piece (Rivara 1984). `None` if
     /// there would be too many.
     pub(super) fn refine(&mut self, is_coarse: impl Fn(&[DVec3; 3]) -> bool) -> Option<()> {
+        let most = self.pieces.len() + MOST;
         let mut open: Vec<usize> = (0..self.pieces.len()).collect();
         while let Some(piece) = open.pop() {
             if !is_coarse(&self.corners(piece)) {
@@ -125,7 +147,7 @@ impl Pieces {
                 }
             }
             open.push(piece);
-            if self.pieces.len() > MOST {
+            if self.pieces.len() > most {
                 return None;
             }
         }

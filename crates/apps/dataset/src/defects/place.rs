@@ -3,7 +3,7 @@
 use super::change::own_part;
 use super::host::{Anchor, AreaTable, EdgeTable};
 use super::material::{self, clear_volume, is_absent};
-use super::site::{Made, Site, extent_of, insert, rounding};
+use super::site::{Known, Made, Site, extent_of, insert, rounding};
 use super::spec::{
     Chatter, Chip, ColdShut, Decal, Defect, DefectSpec, Dent, Dust, Fibre, PlacedDefect, Pore, Scratch, Stain,
 };
@@ -13,6 +13,7 @@ use crate::distribution::Fault;
 use dunkelfeld_geometry::{DAffine3, DVec3};
 use dunkelfeld_sampling::Pcg;
 use dunkelfeld_scene::SceneBuilder;
+use std::cell::RefCell;
 
 /// Number of places that are tried.
 const TRIES: usize = 256;
@@ -38,10 +39,16 @@ pub(super) fn on_surface(scene: &mut SceneBuilder, spec: &DefectSpec, stream: &m
         _ => (Some(AreaTable::new(scene, spec)?), None),
     };
     let rounding = rounding(scene);
+    let known = RefCell::default();
     for _ in 0..TRIES {
         let on_edge = edges.as_ref().and_then(|table| table.draw(stream));
         let Some(anchor) = on_edge.or_else(|| areas.as_ref()?.draw(scene, stream)) else { continue };
-        let Some(mut made) = attempt(scene, spec, &anchor, rounding, stream) else { continue };
+        let Some(mut made) = attempt(scene, spec, &anchor, (rounding, &known), stream) else {
+            if known.borrow().is_too_fine {
+                break;
+            }
+            continue;
+        };
         let instance = &scene.instances[anchor.instance];
         let (on, motion) = (instance.name.clone(), instance.motion);
         let is_in_body = made.is_in_body || made.hole.is_some();
@@ -66,6 +73,10 @@ pub(super) fn on_surface(scene: &mut SceneBuilder, spec: &DefectSpec, stream: &m
             replaces,
         });
     }
+    if known.borrow().is_too_fine {
+        let problem = format!("the defect \"{}\" needs too many triangles", spec.name);
+        return Err(Fault::new(problem, "make it shorter, wider or deeper, or of fewer waves").below("length"));
+    }
     Err(Fault::new(
         format!("the defect \"{}\" finds no room on the surface: no place of {TRIES} fits", spec.name),
         "make it smaller, or name larger, smoother or opaque objects; a defect that is cut into a body needs free space \
@@ -74,7 +85,13 @@ pub(super) fn on_surface(scene: &mut SceneBuilder, spec: &DefectSpec, stream: &m
     .below("length"))
 }
 
-fn attempt(scene: &SceneBuilder, spec: &DefectSpec, anchor: &Anchor, rounding: f64, stream: &mut Pcg) -> Option<Made> {
+fn attempt(
+    scene: &SceneBuilder,
+    spec: &DefectSpec,
+    anchor: &Anchor,
+    (rounding, known): (f64, &RefCell<Known>),
+    stream: &mut Pcg,
+) -> Option<Made> {
     let instance = scene.instances.get(anchor.instance)?;
     let part = scene.meshes.get(anchor.part)?;
     let host = scene.materials.get(part.material)?;
@@ -83,11 +100,14 @@ fn attempt(scene: &SceneBuilder, spec: &DefectSpec, anchor: &Anchor, rounding: f
         Defect::Scratch(Scratch { length, width, .. })
         | Defect::ColdShut(ColdShut { length, width, .. })
         | Defect::Fibre(Fibre { length, width, .. }) => (width.0, length.0 + width.0),
+        Defect::Decal(Decal { length, .. }) => {
+            let image = spec.image.as_ref()?;
+            (length.0, length.0 * f64::from(image.width).hypot(f64::from(image.height)) / f64::from(image.width))
+        }
         Defect::Dent(Dent { length, .. })
         | Defect::Pore(Pore { length, .. })
         | Defect::Chip(Chip { length, .. })
         | Defect::Chatter(Chatter { length, .. })
-        | Defect::Decal(Decal { length, .. })
         | Defect::Stain(Stain { length, .. })
         | Defect::Dust(Dust { length, .. }) => (length.0, length.0),
         _ => return None,
@@ -100,7 +120,7 @@ fn attempt(scene: &SceneBuilder, spec: &DefectSpec, anchor: &Anchor, rounding: f
     let foot = surface.project(DVec3::ZERO, anchor.normal, lift)?;
     let volume = clear_volume(host);
     let (finish, below) = (spec.defect.finish(&spec.name), (anchor.part, &*part.mesh));
-    let site = Site { finish, scene, anchor, surface, foot, below, host, volume, lift };
+    let site = Site { finish, scene, anchor, surface, foot, below, host, volume, lift, known };
     match &spec.defect {
         Defect::Scratch(scratch) => scratch::scratch(&site, scratch, stream),
         Defect::Dent(dent) => round::dent(&site, dent),

@@ -27,10 +27,10 @@ const GROOVE_STEP: f64 = 0.1;
 /// The start of a walk from the drawn point, in the direction `angle` \[rad\].
 fn start(site: &Site<'_>, pieces: &Pieces, angle: f64) -> Option<Stride> {
     let facet = site.surface.facets[site.foot.facet];
-    let normal = pieces.oriented_area(facet.triangle).try_normalize()?;
-    let is_below = facet.part == site.below.0;
-    let stride = Stride { piece: facet.triangle, point: site.foot.point, along: tangent_at(normal, angle), normal };
-    is_below.then_some(stride)
+    let piece = pieces.whole(facet.triangle).filter(|_| facet.part == site.below.0)?;
+    let normal = pieces.oriented_area(piece).try_normalize()?;
+    let stride = Stride { piece, point: site.foot.point, along: tangent_at(normal, angle), normal };
+    Some(stride)
 }
 
 /// The direction out of the body: the mean normal half a radius away.
@@ -45,7 +45,7 @@ fn outward(site: &Site<'_>, pieces: &Pieces, radius: f64) -> Option<DVec3> {
 /// A round change within `radius` \[m\] of the drawn point: `height` gives the displacement \[m\] along the normal from the
 /// place over the radius.
 fn round(site: &Site<'_>, radius: f64, step: f64, height: impl Fn(DVec3, DVec3) -> f64) -> Option<Made> {
-    let pieces = site.pieces()?;
+    let pieces = site.pieces();
     let (middle, axis) = (site.foot.point, outward(site, &pieces, radius)?);
     let distance = |p: DVec3| p.distance(middle) - radius;
     let shift = |p: DVec3| if distance(p) < 0.0 { axis * height((p - middle) / radius, axis) } else { DVec3::ZERO };
@@ -63,10 +63,11 @@ pub(super) fn dent(site: &Site<'_>, dent: &Dent) -> Option<Made> {
 pub(super) fn pore(site: &Site<'_>, pore: &Pore, stream: &mut Pcg) -> Option<Made> {
     let (radius, depth) = (0.5 * pore.length.0, pore.depth.0);
     let outline = Harmonics::draw(stream, 2, 6, PORE_WAVES);
+    let largest = (0..64).map(|k| outline.at(f64::from(k) / 64.0)).fold(0.0, f64::max);
     let made = round(site, radius, 0.5 * STEP * radius, |p, axis| {
         let x = axis.any_orthonormal_vector();
         let angle = axis.cross(x).dot(p).atan2(x.dot(p));
-        let r = p.length() / (1.0 + outline.at(angle / TAU) - 2.0 * PORE_WAVES).clamp(0.3, 1.0);
+        let r = p.length() * (1.0 + largest) / (1.0 + outline.at(angle / TAU)).max(0.3);
         -depth * (1.0 - r * r).max(0.0).sqrt()
     });
     made.map(|made| Made { material: material::cut(site.host, &site.finish, true), ..made })
@@ -104,7 +105,7 @@ pub(super) fn chip(site: &Site<'_>, chip: &Chip, stream: &mut Pcg) -> Option<Mad
         let (s, w, z) = place(p);
         if distance(p) < 0.0 { axis * (hollow(s, w) - z).min(0.0) } else { DVec3::ZERO }
     };
-    let pieces = site.pieces()?;
+    let pieces = site.pieces();
     // Nothing of the body rises beside the edge.
     if pieces.points.iter().any(|p| distance(*p) < 0.0 && place(*p).2 > LARGEST_OVERLAP * depth) {
         return None;
@@ -129,7 +130,7 @@ pub(super) struct Groove<'a> {
 
 /// A groove that is cut into the body.
 pub(super) fn groove(site: &Site<'_>, groove: &Groove<'_>) -> Option<Made> {
-    let pieces = site.pieces()?;
+    let pieces = site.pieces();
     let ([length, width], [angle, _]) = (groove.size, groove.turn);
     let curve = groove.course(site, &pieces)?;
     let reach = curve.iter().map(|stride| stride.point.length()).fold(0.0, f64::max) + width;

@@ -8,6 +8,17 @@ use super::surface::{LocalSurface, SurfaceHit};
 use super::tree::distance_to_box;
 use dunkelfeld_geometry::{DAffine3, DVec3, Mesh, RigidMotion};
 use dunkelfeld_scene::{Image, Instance, Material, MeshPart, SceneBuilder, Volume};
+use std::cell::RefCell;
+use std::collections::HashMap;
+
+/// What the search for a place keeps from one place to the next.
+#[derive(Default)]
+pub(super) struct Known {
+    /// The triangles of parts in the world, by object and part.
+    pieces: HashMap<(usize, usize), Pieces>,
+    /// Did a defect need too many triangles?
+    pub(super) is_too_fine: bool,
+}
 
 /// A place for a defect.
 pub(super) struct Site<'a> {
@@ -28,13 +39,19 @@ pub(super) struct Site<'a> {
     pub(super) volume: Option<Volume>,
     /// Height of a patch above the surface \[m\].
     pub(super) lift: f64,
+    pub(super) known: &'a RefCell<Known>,
 }
 
 impl Site<'_> {
     /// The triangles of the part below, relative to the drawn point.
-    pub(super) fn pieces(&self) -> Option<Pieces> {
-        let to_world = self.scene.instances.get(self.anchor.instance)?.to_world;
-        Pieces::new(self.below.1, &(DAffine3::from_translation(-self.anchor.point) * to_world))
+    pub(super) fn pieces(&self) -> Pieces {
+        let key = (self.anchor.instance, self.below.0);
+        let mut known = self.known.borrow_mut();
+        let in_world = known.pieces.entry(key).or_insert_with(|| {
+            let to_world = self.scene.instances.get(key.0).map_or(DAffine3::IDENTITY, |instance| instance.to_world);
+            Pieces::new(self.below.1, &to_world)
+        });
+        in_world.around(self.anchor.point)
     }
 
     /// True if no other object has a surface near: on a way from one point to another, or between its start and the point at

@@ -262,6 +262,9 @@ impl Defect {
                 let help = "give at most a quarter of the diameter, which is a slope of 38 degrees";
                 too_deep(depth.0 > 0.25 * length.0, "the dent is too deep for its diameter", help)
             }
+            Self::Chip(Chip { length, depth, .. }) if depth.0 < 0.02 * length.0 => {
+                too_deep(true, "the chip is too shallow for its length", "give at least a fiftieth of the length")
+            }
             Self::Pore(Pore { length, depth, .. }) | Self::Chip(Chip { length, depth, .. }) => {
                 too_deep(depth.0 > 0.5 * length.0, "it is too deep for its length", "give at most half of the length")
             }

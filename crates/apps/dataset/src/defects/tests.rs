@@ -276,7 +276,7 @@ fn a_chip_takes_its_volume_from_an_edge() {
 #[test]
 fn cut_defects_have_their_depth_and_may_cross_edges() {
     for (kind, values, extent) in [
-        ("pore", "length = 0.05\ndepth = 0.01", 0.5..1.0),
+        ("pore", "length = 0.05\ndepth = 0.01", 0.7..1.05),
         ("chatter", "length = 0.1\ndepth = 0.001\npitch = 0.01", 0.9..1.05),
         ("cold_shut", "length = 0.2\ndepth = 0.004\nwidth = 0.02", 0.7..1.05),
         ("scratch", "length = 0.2\ndepth = 0.002\nwidth = 0.01\nburr = 0.3\ncurvature = '0.3rad'", 0.9..1.05),
@@ -299,6 +299,16 @@ fn cut_defects_have_their_depth_and_may_cross_edges() {
         // The walls of a pore are too steep for that.
         assert_eq!(over_edges > 1, kind != "pore", "{kind}");
     }
+    // Triangles without area, and a face that is there twice, are no obstacle elsewhere.
+    let mut b = block();
+    let mesh = Arc::make_mut(&mut b.meshes[1].mesh);
+    mesh.triangles.extend([[0, 0, 1], mesh.triangles[0]]);
+    for seed in 0..4 {
+        add_defect(&mut b.clone(), &spec("pore", &[1]), &mut stream(seed)).unwrap();
+        add_defect(&mut b.clone(), &spec("chip", &[1]), &mut stream(seed)).unwrap();
+    }
+    let fine = spec_with("chip", &[1], "length = 0.3\ndepth = 0.0061");
+    assert!(add_defect(&mut b, &fine, &mut stream(1)).unwrap_err().problem.contains("triangles"));
     let mut clear = scene();
     let pore = spec_with("pore", &[1], "length = 0.05\ndepth = 0.01");
     assert!(add_defect(&mut clear, &pore, &mut stream(1)).unwrap_err().help.contains("opaque"));

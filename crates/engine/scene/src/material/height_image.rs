@@ -115,9 +115,8 @@ struct VisibleArea {
 
 impl VisibleArea {
     fn new(slopes: &[Vec2]) -> Self {
-        let mean_square = |of: fn(&Vec2) -> f32| {
-            slopes.iter().map(|s| f64::from(of(s)).powi(2)).sum::<f64>() / slopes.len() as f64
-        };
+        let mean_square =
+            |of: fn(&Vec2) -> f32| slopes.iter().map(|s| f64::from(of(s)).powi(2)).sum::<f64>() / slopes.len() as f64;
         let squares = [mean_square(|s| s.x), mean_square(|s| s.y)];
         let deviations = Vec2::from(squares.map(|square| (square.sqrt() as f32).max(f32::MIN_POSITIVE)));
         let slopes: Vec<Vec2> = slopes.iter().map(|s| s / deviations).collect();
