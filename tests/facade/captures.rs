@@ -176,15 +176,15 @@ fn lines_in_turn_are_those_of_renders_with_one_lamp() {
         }
         assert!(lit > 200, "{name}: {lit} lit pixels");
     }
-    // Shot noise hides more of the render in the dim light, whose rows get fewer samples.
+    // The plan is that of each row in its own light: the rows of two lights get other samples.
     let budget =
-        scan.replace("spp = 64", "noise = 0.1, spp = 4000").replace("allocate = { strategy = \"uniform\" }\n", "");
+        scan.replace("spp = 64", "noise = 0.03, spp = 4000").replace("allocate = { strategy = \"uniform\" }\n", "");
     let two = "[[capture]]\nname = \"bright\"\nlights = [\"east\"]\n\
         [[capture]]\nname = \"dim\"\nlights = { west = 0.05 }\n";
     let two = of(format!("{budget}{lines}{}{two}", lamps())).expect("rendered");
     assert!(two.iter().all(|(_, result)| result.stats.certificate.as_ref().is_some_and(|c| c.is_hidden)));
     let samples: Vec<u64> = two.iter().map(|(_, result)| result.stats.sampling.samples).collect();
-    assert!(samples[0] > samples[1], "{samples:?}");
+    assert!(samples[1] > samples[0] + samples[0] / 20, "{samples:?}");
     for (keys, wanted) in
         [("alternate = true\n", "no multiple of the 4 captures"), ("alternate = true\ntdi_stages = 2\n", "stages")]
     {
