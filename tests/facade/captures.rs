@@ -176,13 +176,15 @@ fn lines_in_turn_are_those_of_renders_with_one_lamp() {
         }
         assert!(lit > 200, "{name}: {lit} lit pixels");
     }
-    // A render ends when the rows of both are hidden.
+    // The plan is that of each row in its own light: the rows of two lights get other samples.
     let budget =
-        scan.replace("spp = 64", "noise = 0.02, spp = 4000").replace("allocate = { strategy = \"uniform\" }\n", "");
-    let two = "[[capture]]\nname = \"bright\"\nlights = { east = 0.2 }\n\
-        [[capture]]\nname = \"dim\"\nlights = { east = 0.01 }\n";
+        scan.replace("spp = 64", "noise = 0.03, spp = 4000").replace("allocate = { strategy = \"uniform\" }\n", "");
+    let two = "[[capture]]\nname = \"bright\"\nlights = [\"east\"]\n\
+        [[capture]]\nname = \"dim\"\nlights = { west = 0.05 }\n";
     let two = of(format!("{budget}{lines}{}{two}", lamps())).expect("rendered");
     assert!(two.iter().all(|(_, result)| result.stats.certificate.as_ref().is_some_and(|c| c.is_hidden)));
+    let samples: Vec<u64> = two.iter().map(|(_, result)| result.stats.sampling.samples).collect();
+    assert!(samples[1] > samples[0] + samples[0] / 20, "{samples:?}");
     for (keys, wanted) in
         [("alternate = true\n", "no multiple of the 4 captures"), ("alternate = true\ntdi_stages = 2\n", "stages")]
     {

@@ -302,12 +302,13 @@ fn cut_defects_have_their_depth_and_may_cross_edges() {
     // Triangles without area, and a face that is there twice, are no obstacle elsewhere.
     let mut b = block();
     let mesh = Arc::make_mut(&mut b.meshes[1].mesh);
-    mesh.triangles.extend([[0, 0, 1], mesh.triangles[0]]);
+    let first = mesh.triangles[0];
+    mesh.triangles.extend([[0, 0, 1], first]);
     for seed in 0..4 {
         add_defect(&mut b.clone(), &spec("pore", &[1]), &mut stream(seed)).unwrap();
         add_defect(&mut b.clone(), &spec("chip", &[1]), &mut stream(seed)).unwrap();
     }
-    let fine = spec_with("chip", &[1], "length = 0.3\ndepth = 0.0061");
+    let fine = spec_with("chatter", &[1], "length = 0.2\npitch = 0.002\ndepth = 0.0003");
     assert!(add_defect(&mut b, &fine, &mut stream(1)).unwrap_err().problem.contains("triangles"));
     let mut clear = scene();
     let pore = spec_with("pore", &[1], "length = 0.05\ndepth = 0.01");
