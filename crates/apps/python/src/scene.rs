@@ -25,6 +25,9 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
+/// The films of captures by their names.
+type NamedFilms = Vec<(String, Film)>;
+
 /// A scene or job file. `Scene(path)` opens a scene (`.glb`, `.gltf`, `.obj`, `.stl`, `.ply`) or a job (`.toml`).
 ///
 /// `without` names effects to leave out, as in `without=["scattering", "normal-maps"]`, to measure their influence on an image.
@@ -161,7 +164,7 @@ impl Scene {
         progress: Option<&Py<PyAny>>,
         render: impl FnOnce(&mut Project, RenderOptions, &dyn Progress, &Cancel, &mut EachCapture<'_>) -> Result<(), Error>
         + Send,
-    ) -> Result<(Vec<(String, Film)>, Option<PyErr>), Failure> {
+    ) -> Result<(NamedFilms, Option<PyErr>), Failure> {
         self.check_idle()?;
         options.replay = replay.map(replay_of).transpose()?;
         let replayed = replay.and_then(|plan| Some(plan.cast::<Film>().ok()?.get().inputs.clone()));
