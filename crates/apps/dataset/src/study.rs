@@ -344,11 +344,10 @@ impl Study {
             Some(job) => (base_of(&source, &folder.join(job), &mut inputs)?, folder.join(job)),
         };
         let name = name_of(&source, study.name)?;
-        let own = stable_text(source.text(), &name);
-        let text = format!("{name}\n{}\n{own}", toml::to_string(&base).unwrap_or_default());
-        let pictures = pictures_of(&source, (&defect, &draw), &folder, &mut inputs)?;
+        let job = toml::to_string(&base).unwrap_or_default();
+        let text = format!("{name}\n{job}\n{}", stable_text(source.text(), &name));
         let study = Self {
-            pictures,
+            pictures: pictures_of(&source, (&defect, &draw), &folder, &mut inputs)?,
             name,
             count,
             seed: study.seed,

@@ -27,11 +27,6 @@ pub(super) fn is_clear(m: &Material) -> bool {
     m.is_smooth() && is_whole && m.metallic.factor <= 0.0 && m.metallic.texture.is_none()
 }
 
-/// True if nothing of a surface depends on the frame of its body, so that a patch above it looks the same.
-pub(super) fn is_plain(m: &Material) -> bool {
-    m.height.is_none() && m.anisotropy.grain.is_none()
-}
-
 /// The volume of a solid that light can enter.
 pub(super) fn clear_volume(m: &Material) -> Option<Volume> {
     match m.surface {

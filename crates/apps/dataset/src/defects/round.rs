@@ -88,7 +88,7 @@ fn tilted(patch: &Patch, outward: &[DVec3], i: usize, steepest: f64) -> DVec3 {
 pub(super) fn dent(site: &Site<'_>, dent: &Dent) -> Option<Made> {
     let (surface, depth) = (&site.surface, dent.depth.0);
     let radius = 0.5 * dent.length.0;
-    let is_shaded = steepest(dent) <= LARGEST_SHADED_SLOPE && material::is_plain(site.host);
+    let is_shaded = steepest(dent) <= LARGEST_SHADED_SLOPE && !site.host.is_of_object();
     let rings = rings(surface, site.foot, |_| radius).filter(|_| is_shaded || site.volume.is_some());
     let Some((patch, outward)) = rings else {
         return if site.volume.is_none() { shapes::dent(site, dent) } else { None };

@@ -100,15 +100,13 @@ impl<'a> Wavefront<'a> {
             let scene = self.estimator.scene;
             let (in_medium, is_arrived) = (key & MEDIUM != 0, key & ARRIVED != 0);
             let material = (key & !(MEDIUM | ARRIVED)) / 2;
-            let (mut arrived, mut paths) = (Arrived::default(), [0; MAX_WIDTH]);
+            let mut arrived = Arrived::default();
             let mut points = if is_arrived {
                 SurfacePoints::from_lanes(token, &arrived.points(arrivals, &mut rays))
             } else {
                 scene.surface_points(token, &self.hits.lanes::<F>(token, &rays), self.rays.times(token, &rays))
             };
-            for lane in 0..F::WIDTH {
-                paths[lane] = self.rays.paths[rays[lane] as usize];
-            }
+            let paths = rays.map(|ray| self.rays.paths[ray as usize]);
             let from = self.rays.directions::<F>(token, &rays);
             let wo = -from;
             if !in_medium {
@@ -139,10 +137,8 @@ impl<'a> Wavefront<'a> {
             let gathered = state.radiance.max_channel().only(lit & state.light_vertices.is_positive());
             state.light_vertices += state.eta_scale.constant(1.0).only(lit);
             let is_split = is_first_light & learned.is_learned;
-            let splits = match self.estimator.roulette {
-                Some(roulette) if is_split.any() && !watch.needs_outcomes() => roulette.splits,
-                _ => 0,
-            };
+            let is_free = is_split.any() && !watch.needs_outcomes();
+            let splits = self.estimator.roulette.filter(|_| is_free).map_or(0, |roulette| roulette.splits);
             Group {
                 splits,
                 is_split,

@@ -70,13 +70,9 @@ impl SceneBuilder {
         let Space { world_origin, radius } = self.space(&placed, bounds, baking.has_own_trees(), &mut builds)?;
         let radius = radius as f32;
         let to_render = DAffine3::from_translation(-world_origin);
-        let mut geometry = {
-            let of_object = |part: &MeshPart| {
-                let material = &self.materials[part.material];
-                part.edge_radius > 0.0 || material.anisotropy.grain.is_some() || material.height.is_some()
-            };
-            PlacedScene::new(&placed, &self.meshes, (&baking, times, &of_object), world_origin, &mut builds)?
-        };
+        let has_frame = |part: &MeshPart| part.edge_radius > 0.0 || self.materials[part.material].is_of_object();
+        let mut geometry =
+            PlacedScene::new(&placed, &self.meshes, (&baking, times, &has_frame), world_origin, &mut builds)?;
         drop(std::mem::take(&mut self.meshes));
 
         let compiled = self.compiled_materials(&geometry);

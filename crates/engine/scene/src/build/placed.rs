@@ -104,14 +104,11 @@ impl PlacedScene {
         let to_render = DAffine3::from_translation(-world_origin);
         let all = || placed.iter().flat_map(|(object, i, t)| i.meshes.iter().map(move |&m| (*object, i, m, t)));
         let in_render = |t: &Transform| to_render * *t.to_world();
-        let frame = |m: usize, t: &Transform| {
-            let DAffine3 { matrix3, translation } = in_render(t);
-            // Lengths are those of the world along each axis of the object.
-            let axes = [matrix3.x_axis, matrix3.y_axis, matrix3.z_axis].map(|axis| axis.normalize_or_zero());
-            let in_metres = DAffine3 { matrix3: DMat3::from_cols(axes[0], axes[1], axes[2]), translation };
-            Transform::new(in_metres).ok().filter(|_| has_frame(&meshes[m])).map(Box::new)
-        };
         let mut edges = Edges::default();
+        let mut part = |mesh: u32, (object, m, t): (u32, usize, &Transform)| -> Result<Part, BuildError> {
+            let frame = has_frame(&meshes[m]).then(|| in_metres(in_render(t))).flatten();
+            Ok(Part { mesh, object, frame, edges: edges.of((m, &meshes[m]), t)?, ..Part::of(&meshes[m]) })
+        };
         // Parts of the shared tree come first, so that their triangles are numbered without gaps.
         let threads = builds.threads();
         let shared: Vec<_> = all().filter(|(_, i, m, _)| baking.is_shared && baking.bakes(i, *m)).collect();
@@ -120,19 +117,11 @@ impl PlacedScene {
             .map_sized(shared.clone(), triangles, |(_, _, m, t), _| Arc::new(bake(&meshes[m].mesh, &in_render(t))));
         for ((object, _, m, t), mesh) in shared.into_iter().zip(baked) {
             let to_render = in_render(t);
-            let (part, first_facet) = (scene.parts.len() as u32, scene.facets.len() as u32);
-            scene.facets.extend(&mesh, part, meshes[m].material as u32);
+            let (number, first_facet) = (scene.parts.len() as u32, scene.facets.len() as u32);
+            scene.facets.extend(&mesh, number, meshes[m].material as u32);
             scene.shared.push((meshes[m].mesh.clone(), to_render));
             scene.meshes.push(mesh);
-            let mesh = part;
-            let part = Part {
-                mesh,
-                object,
-                first_facet,
-                frame: frame(m, t),
-                edges: edges.of((m, &meshes[m]), t)?,
-                ..Part::of(&meshes[m])
-            };
+            let part = Part { first_facet, ..part(number, (object, m, t))? };
             scene.push(part, (m, &meshes[m]), None);
         }
         if !scene.facets.is_empty() {
@@ -143,15 +132,8 @@ impl PlacedScene {
         let keys: Vec<_> = own_trees.iter().map(|(_, _, m, t)| (&meshes[*m].mesh, in_render(t))).collect();
         for ((object, _, m, t), PlacedMesh { mesh, own }) in own_trees.into_iter().zip(builds.placed(&keys)?) {
             scene.meshes.push(mesh);
-            let mesh = scene.meshes.len() as u32 - 1;
-            let part = Part {
-                mesh,
-                object,
-                facets: Some(own.facets),
-                frame: frame(m, t),
-                edges: edges.of((m, &meshes[m]), t)?,
-                ..Part::of(&meshes[m])
-            };
+            let part = part(scene.meshes.len() as u32 - 1, (object, m, t))?;
+            let part = Part { facets: Some(own.facets), ..part };
             scene.push(part, (m, &meshes[m]), Some(own.tree));
         }
         scene.join();
@@ -173,20 +155,12 @@ impl PlacedScene {
         scene.meshes.extend(stored.into_iter().cloned());
         for (object, instance, m, transform, t) in instanced {
             let Some((number, own)) = numbers[m].and_then(|i| Some((i, trees.get(i)?.clone()))) else { continue };
-            let mesh = (first + number) as u32;
             scene.placements.push(Placement::Part(scene.parts.len() as u32));
             scene.transforms.push(transform);
             let motion = baking.moves(instance).then(|| Box::new(instance.motion.seen_from(world_origin)));
-            let part = Part {
-                mesh,
-                object,
-                transform: Some(Box::new(transform)),
-                motion,
-                facets: Some(own.facets),
-                frame: frame(m, t),
-                edges: edges.of((m, &meshes[m]), t)?,
-                ..Part::of(&meshes[m])
-            };
+            let transform = Some(Box::new(transform));
+            let part = part((first + number) as u32, (object, m, t))?;
+            let part = Part { transform, motion, facets: Some(own.facets), ..part };
             scene.push(part, (m, &meshes[m]), Some(own.tree));
         }
         Ok(scene)
@@ -347,6 +321,13 @@ impl PlacedScene {
         }
         tree_of(&positions, &triangles, threads)
     }
+}
+
+/// The frame of an object in metres: lengths are those of the world along each of its axes.
+fn in_metres(DAffine3 { matrix3, translation }: DAffine3) -> Option<Box<Transform>> {
+    let axes = [matrix3.x_axis, matrix3.y_axis, matrix3.z_axis].map(|axis| axis.normalize_or_zero());
+    let frame = DAffine3 { matrix3: DMat3::from_cols(axes[0], axes[1], axes[2]), translation };
+    Transform::new(frame).ok().map(Box::new)
 }
 
 /// The rounded edges of meshes by their scales, which copies share.

@@ -263,6 +263,11 @@ impl Material {
         self.is_metal() || (self.transmission.factor <= 0.0 && self.diffuse_transmission.share.factor <= 0.0)
     }
 
+    /// True if the surface has a grain or heights in the frame of its object.
+    pub fn is_of_object(&self) -> bool {
+        self.anisotropy.grain.is_some() || self.height.is_some()
+    }
+
     /// True if the surface is smooth at all places: then it refracts and reflects in single directions.
     pub fn is_smooth(&self) -> bool {
         self.roughness.factor < SMOOTH_ROUGHNESS && self.roughness.texture.is_none()
