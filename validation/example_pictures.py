@@ -79,7 +79,7 @@ def defects(program: Path) -> None:
 def bracket(program: Path) -> None:
     """Four lightings of four brackets with defects, for the README: the first images of the study, without those for training."""
     study = (ROOT / "scenes" / "studies" / "bracket.toml").read_text()
-    study = re.sub(r"^(train|pairs) = .*$", "", study, flags=re.MULTILINE).replace(
+    study = re.sub(r"^(train|pairs|layout) = .*$", "", study, flags=re.MULTILINE).replace(
         "bracket.glb", f"{ROOT}/scenes/studies/bracket.glb"
     )
     (OUT / "bracket.toml").write_text(study)
