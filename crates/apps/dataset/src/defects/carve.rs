@@ -43,17 +43,13 @@ struct Moved<'a> {
 /// than the change is deep, the other side bulges in the same shape. `None` if the surface ends there, if another surface is
 /// near, or if the mesh is no surface.
 pub(super) fn carve(site: &Site<'_>, mut pieces: Pieces, change: &Change<'_>, material: Material) -> Option<Made> {
-    let refined = pieces.refine(|corners| {
+    pieces.refine(|corners| {
         let middle = corners.iter().sum::<DVec3>() / 3.0;
         let radius = corners.iter().map(|p| p.distance(middle)).fold(0.0, f64::max);
         let [a, b, c] = corners;
         let longest = a.distance(*b).max(b.distance(*c)).max(c.distance(*a));
         longest > change.step && (change.distance)(middle) < radius
-    });
-    if refined.is_none() {
-        site.known.borrow_mut().is_too_fine = true;
-        return None;
-    }
+    })?;
     let moved = Moved::new(site, pieces, change)?;
     let (mesh, rest) = moved.meshes(site)?;
     Some(Made { hole: Some(rest), ..Made::new(mesh, None, material) })

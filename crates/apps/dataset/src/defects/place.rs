@@ -43,12 +43,7 @@ pub(super) fn on_surface(scene: &mut SceneBuilder, spec: &DefectSpec, stream: &m
     for _ in 0..TRIES {
         let on_edge = edges.as_ref().and_then(|table| table.draw(stream));
         let Some(anchor) = on_edge.or_else(|| areas.as_ref()?.draw(scene, stream)) else { continue };
-        let Some(mut made) = attempt(scene, spec, &anchor, (rounding, &known), stream) else {
-            if known.borrow().is_too_fine {
-                break;
-            }
-            continue;
-        };
+        let Some(mut made) = attempt(scene, spec, &anchor, (rounding, &known), stream) else { continue };
         let instance = &scene.instances[anchor.instance];
         let (on, motion) = (instance.name.clone(), instance.motion);
         let is_in_body = made.is_in_body || made.hole.is_some();
@@ -72,10 +67,6 @@ pub(super) fn on_surface(scene: &mut SceneBuilder, spec: &DefectSpec, stream: &m
             is_clear: false,
             replaces,
         });
-    }
-    if known.borrow().is_too_fine {
-        let problem = format!("the defect \"{}\" needs too many triangles", spec.name);
-        return Err(Fault::new(problem, "make it shorter, wider or deeper, or of fewer waves").below("length"));
     }
     Err(Fault::new(
         format!("the defect \"{}\" finds no room on the surface: no place of {TRIES} fits", spec.name),

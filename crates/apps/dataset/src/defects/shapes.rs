@@ -77,7 +77,7 @@ pub(super) fn pore(site: &Site<'_>, pore: &Pore, stream: &mut Pcg) -> Option<Mad
 pub(super) fn chatter(site: &Site<'_>, chatter: &Chatter, stream: &mut Pcg) -> Option<Made> {
     let (radius, pitch, depth) = (0.5 * chatter.length.0, chatter.pitch.0, chatter.depth.0);
     let angle = chatter.angle.map_or_else(|| draw::angle(stream), |angle| angle.0);
-    let made = round(site, radius, (pitch / 10.0).max(radius / 256.0), |p, axis| {
+    let made = round(site, radius, pitch / 10.0, |p, axis| {
         let along = tangent_at(axis, angle).dot(p) * radius;
         let fade = 0.5 * (1.0 + (PI * p.length()).cos());
         -0.5 * depth * fade.sqrt() * (1.0 - (TAU * along / pitch).cos())

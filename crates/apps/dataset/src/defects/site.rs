@@ -11,14 +11,8 @@ use dunkelfeld_scene::{Image, Instance, Material, MeshPart, SceneBuilder, Volume
 use std::cell::RefCell;
 use std::collections::HashMap;
 
-/// What the search for a place keeps from one place to the next.
-#[derive(Default)]
-pub(super) struct Known {
-    /// The triangles of parts in the world, by object and part.
-    pieces: HashMap<(usize, usize), Pieces>,
-    /// Did a defect need too many triangles?
-    pub(super) is_too_fine: bool,
-}
+/// The triangles of parts in the world, by object and part: the search for a place keeps them.
+pub(super) type Known = HashMap<(usize, usize), Pieces>;
 
 /// A place for a defect.
 pub(super) struct Site<'a> {
@@ -47,7 +41,7 @@ impl Site<'_> {
     pub(super) fn pieces(&self) -> Pieces {
         let key = (self.anchor.instance, self.below.0);
         let mut known = self.known.borrow_mut();
-        let in_world = known.pieces.entry(key).or_insert_with(|| {
+        let in_world = known.entry(key).or_insert_with(|| {
             let to_world = self.scene.instances.get(key.0).map_or(DAffine3::IDENTITY, |instance| instance.to_world);
             Pieces::new(self.below.1, &to_world)
         });

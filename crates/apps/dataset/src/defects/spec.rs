@@ -270,8 +270,8 @@ impl Defect {
             }
             Self::Chatter(Chatter { length, pitch, depth, .. }) => {
                 let help = "give at most a fifth of the pitch, which is a slope of 32 degrees";
-                let is_wave = (1.0..=100.0).contains(&(length.0 / pitch.0));
-                let no_wave = Fault::new("the pitch does not fit the length", "give 1 to 100 waves").below("pitch");
+                let is_wave = (1.0..=25.0).contains(&(length.0 / pitch.0));
+                let no_wave = Fault::new("the pitch does not fit the length", "give 1 to 25 waves").below("pitch");
                 (!is_wave)
                     .then_some(no_wave)
                     .or_else(|| too_deep(depth.0 > 0.2 * pitch.0, "the marks are too deep for their pitch", help))

@@ -308,8 +308,10 @@ fn cut_defects_have_their_depth_and_may_cross_edges() {
         add_defect(&mut b.clone(), &spec("pore", &[1]), &mut stream(seed)).unwrap();
         add_defect(&mut b.clone(), &spec("chip", &[1]), &mut stream(seed)).unwrap();
     }
+    let most = spec_with("chatter", &[1], "length = 0.1\npitch = 0.004\ndepth = 0.0003");
+    add_defect(&mut b.clone(), &most, &mut stream(1)).unwrap();
     let fine = spec_with("chatter", &[1], "length = 0.2\npitch = 0.002\ndepth = 0.0003");
-    assert!(add_defect(&mut b, &fine, &mut stream(1)).unwrap_err().problem.contains("triangles"));
+    assert!(add_defect(&mut b, &fine, &mut stream(1)).unwrap_err().help.contains("25 waves"));
     let mut clear = scene();
     let pore = spec_with("pore", &[1], "length = 0.05\ndepth = 0.01");
     assert!(add_defect(&mut clear, &pore, &mut stream(1)).unwrap_err().help.contains("opaque"));
